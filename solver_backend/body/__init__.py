@@ -1,1 +1,1 @@
-"""Body model: kinematics, skinning, landmarks, and files of the SMPL family."""
+"""Body model of the SMPL family: kinematics, skinning, landmarks and file readers."""

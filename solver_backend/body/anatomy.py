@@ -1,4 +1,4 @@
-"""Define landmarks on any body from its joints and from rays cast at its skin."""
+"""Define landmarks on any body by rules that use its joints and rays cast at its skin."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.geometry.small_matrices import dot
 
 _KNOWN: WeakKeyDictionary[Body, dict[tuple[bytes, bytes, bool], SurfacePoint]] = WeakKeyDictionary()
-"""Cached results of ray casts."""
+"""Cached results of ray casts, by body, then by origin, direction and ``outermost``."""
 SAME_M = 1e-9  # If a ray leaves several triangles within this distance, they share the edge or corner that it hits.
 
 
@@ -29,9 +29,12 @@ class SurfacePoint:
 
 
 def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost: bool = False) -> SurfacePoint:
-    """Find where a ray first leaves the rest mesh, or where it last leaves it (``outermost``).
+    """Find the surface point where a ray first leaves the rest mesh, or last leaves it (``outermost``).
 
-    The ray starts at ``origin`` (3,) inside the mesh, in metres in the rest pose. A miss raises ``BodyInvalid``.
+    The ray starts at ``origin`` (3,) inside the mesh, in metres in the rest pose.
+
+    Raises:
+        BodyInvalid: the ray hits no triangle.
 
     Reference: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
     """
@@ -72,7 +75,7 @@ def _cast(body: Body, origin: np.ndarray, direction: np.ndarray, outermost: bool
 
 @dataclass(frozen=True)
 class AtJoints:
-    """Weighted mean of joints, shifted in the rest pose (in metres at a stature of 1.70 m)."""
+    """Landmark rule: a weighted mean of joints plus an offset in the rest pose, in metres at a stature of 1.70 m."""
 
     joints: dict[str, float]
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -81,10 +84,11 @@ class AtJoints:
 
 @dataclass(frozen=True)
 class OnSurface:
-    """The point where a ray first leaves the skin (last for the head, because mouths are hollow).
+    """Landmark rule: the point where a ray first leaves the skin (last for the head, because mouths are hollow).
 
-    The ray starts at a joint, or at the fraction ``along`` of the way to the next joint, shifted by ``start``. The
-    point is then moved ``depth`` metres inwards. The depth of a marker is negative.
+    The ray starts at a joint, or at the fraction ``along`` of the way to the joint ``towards``, shifted by ``start``.
+    The point is then moved ``depth`` metres inwards. The depth of a marker is negative. Lengths are for a stature of
+    1.70 m.
     """
 
     joint: str
@@ -97,7 +101,7 @@ class OnSurface:
 
 @dataclass(frozen=True)
 class Between:
-    """Weighted mean of other landmarks."""
+    """Landmark rule: a weighted mean of other landmarks."""
 
     landmarks: dict[str, float] = field(default_factory=dict)
 
@@ -106,23 +110,27 @@ Rule = AtJoints | OnSurface | Between
 
 
 class LandmarkBuilder:
-    """Builds landmarks from skinned points on one body."""
+    """Build landmarks on one body from rules."""
 
     def __init__(self, body: Body, rules: Mapping[str, tuple[str, Rule]], *, correctives: bool = False) -> None:
         """Prepare a builder for a closed T-posed body in SMPL's frame.
 
         Args:
-            rules: side ('left', 'right' or '') and the rule for the left side, by landmark name.
-            correctives: also extract pose correctives, which skin markers need and keypoints inside the body do not.
+            rules: for each landmark name, its side ('left', 'right' or '') and the rule for the left side.
+            correctives: also compute pose correctives, which skin markers need and keypoints inside the body do not.
         """
         self._body, self._rules, self._scale = body, rules, body.stature_m / 1.70
         self._correctives = correctives
         self._joints = dict(zip(SMPL.joints, body.layout.standing_for(SMPL), strict=True))
         self._points: list[tuple[np.ndarray, ...]] = []
-        """Rest position, shape directions, weights and pose directions of each skinned point."""
+        """Rest position, shape directions, skinning weights and pose directions of each skinned point."""
 
     def build(self, names: tuple[str, ...]) -> Landmarks:
-        """Return the named landmarks. Raise ``BodyInvalid`` if a ray misses the mesh."""
+        """Build the named landmarks. A name without a rule is a joint of the body.
+
+        Raises:
+            BodyInvalid: a ray misses the mesh.
+        """
         mixes = [self._landmark(name) for name in names]
         rest, shapedirs, weights, posedirs = (np.stack(parts) for parts in zip(*self._points, strict=True))
         if self._correctives:

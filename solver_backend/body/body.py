@@ -35,16 +35,19 @@ class Body:
     shapedirs: Float[np.ndarray, "vertices 3 10"]
     """(V, 3, 10) derivatives of the vertices w.r.t. the shape, in metres per unit."""
     posedirs: Float[np.ndarray, "vertices 3 features"]
-    """(V, 3, 9 (J - 1)) pose correctives in metres per unit of the feature flatten(R_j - I), j = 1..J-1."""
+    """(V, 3, 9 (J - 1)) pose correctives in metres per unit of the pose feature flatten(R_j - I), j = 1..J-1."""
     J_regressor: Float[np.ndarray, "joints vertices"]
-    """(J, V) vertex weights. The joints are the weighted sums of the vertices. Rows sum to 1."""
+    """(J, V) weights of the vertices in each joint position. Rows sum to 1."""
     weights: Float[np.ndarray, "vertices joints"]
     """(V, J) skinning weights. Rows sum to 1."""
     layout: BodyLayout
     faces: Int[np.ndarray, "triangles 3"]
     """(T, 3) vertex indices of the triangles."""
     hands_mean: Float[np.ndarray, "hand_joints 3"] | None = None
-    """(r, 3) axis-angles that SMPL-H and SMPL-X add to the r joints left at rest by a solve. None for flat hands."""
+    """(r, 3) axis-angles of the relaxed hands of SMPL-H and SMPL-X, added to the r joints that a solve leaves at rest.
+
+    None for flat hands.
+    """
     joints_template: Float[np.ndarray, "joints 3"] = field(init=False)
     """(J, 3) rest joints of the mean shape, in metres."""
     joints_shapedirs: Float[np.ndarray, "joints 3 10"] = field(init=False)
@@ -55,7 +58,7 @@ class Body:
         object.__setattr__(self, "joints_shapedirs", np.tensordot(self.J_regressor, self.shapedirs, axes=(1, 0)))
 
     def rest_joints(self, betas: Float[np.ndarray, " 10"]) -> Float[np.ndarray, "joints 3"]:
-        """Return the (J, 3) rest joints for a shape, in metres."""
+        """Return the (J, 3) rest joint positions in metres for a body shape."""
         return self.joints_template + self.joints_shapedirs @ np.asarray(betas, dtype=np.float64)
 
     @property
@@ -65,7 +68,7 @@ class Body:
 
     @cached_property
     def recorded_joints(self) -> tuple[int, ...]:
-        """Joints stored in motions of this body, in their order. For the SMPL family, these are SMPL's."""
+        """Joints that motions of this body store, in their order. For the SMPL family, these are SMPL's joints."""
         return self.layout.standing_for(self.layout.recorded)
 
     @property
@@ -74,12 +77,16 @@ class Body:
         return float(np.ptp(self.v_template[:, 1]))
 
     def stature_of(self, betas: np.ndarray) -> float:
-        """Return the height in metres for a (10,) shape."""
+        """Return the height in metres of the body with (10,) shape coefficients."""
         return float(np.ptp(self.v_template[:, 1] + self.shapedirs[:, 1] @ betas))
 
 
 def load_body(path: Path | None = None) -> Body:
-    """Read a body from an ``.npz`` (``docs/reference/body-file.md``). Raise ``BodyInvalid``."""
+    """Read a body from an ``.npz`` file (see ``docs/reference/body-file.md``), by default the built-in one.
+
+    Raises:
+        BodyInvalid: the file is missing, damaged or not a body.
+    """
     return _load_body(Path(path) if path is not None else DEFAULT_BODY)
 
 
@@ -93,11 +100,11 @@ def _load_body(path: Path) -> Body:
 
 
 def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) -> Body:
-    """Check arrays that are named as in SMPL, and create a body.
+    """Check arrays with SMPL's names, and create a body from them.
 
     Raises:
         BodyInvalid: an array is missing, not finite or misshapen, a face refers to an unknown vertex, or the joints do
-            not form a tree with parents first.
+          not form a tree in which parents come first.
     """
     if missing := [key for key in REQUIRED_KEYS if key not in arrays]:
         what = f"The body file does not contain {', '.join(missing)}. It contains {', '.join(sorted(arrays))}."
@@ -138,7 +145,7 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
 
 
 def _whole(values: np.ndarray) -> np.ndarray:
-    """Convert to indices. Numbers beyond 32 bits, which a cast would change, become an invalid index."""
+    """Convert numbers to indices. Numbers beyond 32 bits become an invalid index instead of wrapping around."""
     return np.clip(np.asarray(values, np.float64), -1, 2**32).astype(np.int64)
 
 

@@ -1,4 +1,4 @@
-"""Identify markers on the back of a hand by label."""
+"""Recognise hand markers by their labels, and place them on a hand skeleton."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _ROOT = 0.3  # Position of the metacarpal bases, as a fraction of the distance f
 
 @dataclass(frozen=True)
 class HandMarkers:
-    """The markers on one hand."""
+    """Markers on one hand, with their positions on a hand of average shape."""
 
     labels: tuple[str, ...]
     sites: HandSites  # Their positions on a hand of average shape.
 
 
 def _places() -> dict[str, tuple[int, int, float]]:
-    """Return the finger, the segment and the relative position along it (from its joint) for every label."""
+    """Return the finger, segment and position for every label, as a fraction along the segment from its joint."""
     found = {"FT1": (0, 3, 0.9), "IP": (0, 2, 1.0), "MP1": (0, 1, 1.0), "CMC1": (0, 0, 1.0)}
     for number in range(1, len(FINGERS)):
         own = {"FT": (number, 3, 0.8), "DP": (number, 2, 1.0), "PP": (number, 1, 1.0), "MP": (number, 0, 1.0)}
@@ -38,7 +38,7 @@ _LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORE
 
 
 def hand_place(label: str) -> tuple[int, str] | None:
-    """Return the side (0 left, 1 right) and location that a hand marker label such as ``L_FT2`` names."""
+    """Return the side (0 left, 1 right) and place of a hand marker label such as ``L_FT2``, or None."""
     match = _LABEL.fullmatch(label.rsplit(":", 1)[-1].strip())
     return None if match is None else (("l", "r").index(match[1][0].lower()), match[2].upper())
 
@@ -47,7 +47,7 @@ LEAST = 3  # Smallest number of markers on a hand. A single label such as LMP1 m
 
 
 def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
-    """Return the hand marker columns by side and location, for sides with at least ``LEAST`` markers."""
+    """Return the hand marker columns by side and place, for sides with at least ``LEAST`` markers."""
     found: dict[int, dict[str, int]] = {0: {}, 1: {}}
     for column, label in enumerate(labels):
         if (place := hand_place(label)) is not None:
@@ -56,13 +56,16 @@ def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
 
 
 def hand_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return the location, such as ``L_FT2``, for each hand label. See ``hand_columns``."""
+    """Return the place, such as ``L_FT2``, of each label that names a hand marker (see ``hand_columns``)."""
     found = hand_columns(labels)
     return {labels[c]: f"{'LR'[side]}_{place}" for side, columns in found.items() for place, c in columns.items()}
 
 
 def hand_markers(skeleton: HandSkeleton, labels: tuple[str, ...]) -> HandMarkers:
-    """Return the hand markers among the labels, in the order of the labels."""
+    """Place the labels that name hand markers on a hand skeleton, in the order of the labels.
+
+    Labels are places without a side, such as ``FT2``. Markers are at skin thickness above the bones.
+    """
     known = tuple(label for label in labels if label in PLACES)
     finger, segment, along = (np.array([PLACES[label][i] for label in known]) for i in range(3))
     finger, segment = finger.astype(int), segment.astype(int)

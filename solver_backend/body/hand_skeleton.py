@@ -23,21 +23,21 @@ _TABLE = [
 ANGLES: tuple[str, ...] = tuple(row[0] for row in _TABLE)  # Names of a hand's angles, thumb first.
 NUM_ANGLES = len(ANGLES)  # Number of angles in a hand.
 FINGER_OF, JOINT_OF, KIND_OF = (np.array([row[i] for row in _TABLE]) for i in (1, 2, 3))
-"""(A,) arrays with each angle's finger (index in ``FINGERS``), joint (0 at the palm) and kind."""
+"""(A,) finger (index in ``FINGERS``), joint (0 next to the palm) and kind of rotation of each angle."""
 FLEXION_OF = np.array([[r[1:3] for r in _TABLE].index(row[1:3]) for row in _TABLE])
-"""(A,) index of the flexion angle at the same joint as each angle."""
+"""(A,) index of the flexion angle at the joint of each angle."""
 THUMB_TILT = float(np.deg2rad(45.0))  # A thumb bends across the palm, so its nail partly faces sideways.
 KNUCKLES = tuple(HAND_POINTS.index(f"{finger}_mcp") for finger in ("middle", *FINGERS[1:]))
-"""Points that define each finger's x axis from the wrist. The thumb uses the middle finger's point."""
+"""Points that define each finger's x axis as seen from the wrist. The thumb uses the middle finger's point."""
 
 
 def side_sign(side: int) -> float:
-    """Return σ: 1 for a right hand, -1 for a left hand."""
+    """Return σ, the sign of mirrored axes: 1 for a right hand, -1 for a left hand."""
     return 1.0 if SIDES[side] == "right" else -1.0
 
 
 def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n 5 3 3"]:
-    """Return the (n, 5, 3, 3) frames relative to which each finger's first joint has zero angles.
+    """Return the (n, 5, 3, 3) palm frames, in which the first bone of each finger points along x at zero angles.
 
     ``points`` (n, 21, 3) are ``HAND_POINTS``. Side 0 is left, and 1 is right.
     """
@@ -53,7 +53,10 @@ def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndar
 
 
 def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.ndarray, "n 5 3 3 3"]:
-    """Convert (n, A) angles to (n, 5, 3, 3, 3) rotations relative to the previous segment."""
+    """Convert (n, A) finger angles in radians to (n, 5, 3, 3, 3) rotations relative to the previous segment.
+
+    The dimensions after n are fingers and joints.
+    """
     turns = np.zeros((len(angles), 5, 3, 3))
     turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
     sign = side_sign(side)
@@ -62,9 +65,10 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 
 
 def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Compute (n, A) angles from (n, 21, 3) ``HAND_POINTS``, NaN where points are missing and 0 for twist.
+    """Measure (n, A) finger angles in radians on (n, 21, 3) ``HAND_POINTS``.
 
     For a bone along v relative to the previous segment, ``flexion = atan2(-v_y, v_x)`` and ``spread = asin(-σ v_z)``.
+    Angles are NaN where points are missing. Twist cannot be measured on points and is 0.
     """
     frames = palm_frames(points, side)
     bones = _unit(np.diff(points[:, 1:].reshape(len(points), 5, 4, 3), axis=2))
@@ -79,7 +83,7 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
 
 
 def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]:
-    """Return an (n, 5, 3) mask of joints with a known angle, in the finger order of ``FINGERS``."""
+    """Return an (n, 5, 3) mask of finger joints with at least one known angle, in the order of ``FINGERS``."""
     informed = np.zeros((len(known), 5, 3), bool)
     for finger, joint, angle in zip(FINGER_OF, JOINT_OF, known.T, strict=True):
         informed[:, finger, joint] |= angle
@@ -87,7 +91,7 @@ def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]
 
 
 def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Convert joint rotations to (n, A) angles. This is the inverse of ``joint_rotations``."""
+    """Convert (n, 5, 3, 3, 3) joint rotations to (n, A) angles in radians, the inverse of ``joint_rotations``."""
     x, sign = turns[..., 0], side_sign(side)
     spread = np.arcsin(np.clip(-x[..., 2], -1.0, 1.0)) * sign
     twist = np.arctan2(turns[..., 2, 1], turns[..., 2, 2]) * sign
@@ -111,7 +115,7 @@ def _about(angle: np.ndarray, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class HandSites:
-    """L points fixed to segments of a hand."""
+    """L points fixed to hand segments, such as markers and keypoints."""
 
     finger: Int[np.ndarray, " sites"]  # (L,) index in ``FINGERS``, unused for the palm.
     segment: Int[np.ndarray, " sites"]  # (L,) 0 for the palm, 1 to 3 for the bones of the finger.
@@ -120,7 +124,7 @@ class HandSites:
 
 @dataclass(frozen=True)
 class PosedHand:
-    """F poses of a hand in its own axes, with the wrist as origin."""
+    """A hand skeleton in F poses, in hand axes with the wrist as origin."""
 
     frames: Float[np.ndarray, "n 5 4 3 3"]  # (F, 5, 4, 3, 3) segment frames, starting with the palm's at zero angles.
     joints: Float[np.ndarray, "n 5 4 3"]  # (F, 5, 4, 3) metres: the joints of each finger, and its tip.
@@ -129,7 +133,7 @@ class PosedHand:
 
 @dataclass(frozen=True)
 class HandSkeleton:
-    """The bones of one hand at rest."""
+    """Bones and rest pose of one hand, in hand axes with the wrist as origin."""
 
     side: int  # 0 left, 1 right.
     palm: Float[np.ndarray, "5 3 3"]  # (5, 3, 3) frames from ``palm_frames`` at the fingers' roots.
@@ -139,7 +143,7 @@ class HandSkeleton:
 
     @classmethod
     def of_points(cls, points: Float[np.ndarray, "21 3"], side: int) -> HandSkeleton:
-        """Build the skeleton from (21, 3) ``HAND_POINTS`` at rest in metres."""
+        """Build the skeleton from (21, 3) ``HAND_POINTS`` of a hand at rest, in metres."""
         own = (points - points[0])[None]
         palm, angles = palm_frames(own, side), measure_angles(own, side)
         chain = own[0, 1:].reshape(5, 4, 3)
@@ -148,12 +152,12 @@ class HandSkeleton:
         return cls(side, palm[0], chain[:, 0], bones, rest)
 
     def scaled(self, scale: float) -> HandSkeleton:
-        """Return the hand scaled by a factor."""
+        """Return the hand with all lengths multiplied by ``scale``."""
         return replace(self, roots=scale * self.roots, bones=scale * self.bones)
 
     @property
     def rest_angles(self) -> Float[np.ndarray, " a"]:
-        """(A,) angles at rest in radians."""
+        """(A,) finger angles at rest in radians."""
         return measure_angles(self.points_at_rest[None], self.side)[0]
 
     @property
@@ -164,7 +168,7 @@ class HandSkeleton:
         return np.concatenate([np.zeros((1, 3)), chain.reshape(-1, 3)])
 
     def keypoints(self) -> HandSites:
-        """Return the sites of the ``HAND_POINTS``."""
+        """Return the positions of the ``HAND_POINTS`` on the segments."""
         finger = np.concatenate([[0], np.repeat(np.arange(5), 4)])
         segment = np.concatenate([[0], np.tile(np.arange(4), 5)])
         offset = np.zeros((NUM_HAND_POINTS, 3))
@@ -172,7 +176,7 @@ class HandSkeleton:
         return HandSites(finger, segment, offset)
 
     def pose(self, angles: Float[np.ndarray, "n a"]) -> PosedHand:
-        """Pose the hand with F sets of angles in radians."""
+        """Pose the hand with (F, A) finger angles in radians."""
         turns = joint_rotations(angles, self.side)
         frames = _segments(np.broadcast_to(self.palm, (len(angles), 5, 3, 3)), turns)
         steps = (frames[:, :, 1:] @ self.bones[..., None])[..., 0]
@@ -181,7 +185,7 @@ class HandSkeleton:
         return PosedHand(frames, joints, self._axes(frames, angles))
 
     def _axes(self, frames: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return (F, A, 3) rotation axes: first flexion about -z, then spread (y), then twist (x)."""
+        """Return the (F, A, 3) rotation axes of the angles: first flexion about -z, then spread (y), then twist (x)."""
         before, after = frames[:, FINGER_OF, JOINT_OF], frames[:, FINGER_OF, JOINT_OF + 1]
         sign, kind = side_sign(self.side), KIND_OF[:, None]
         flexion = angles[:, FLEXION_OF, None]
@@ -190,7 +194,7 @@ class HandSkeleton:
         return np.where(kind == FLEXION, -before[..., 2], turned)
 
     def sites(self, posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3"]:
-        """Return (F, L, 3) points on posed segments, in metres relative to the wrist and in the hand's axes."""
+        """Return the (F, L, 3) positions of points on the posed hand, in metres in hand axes."""
         origins = posed.joints[:, sites.finger, np.maximum(sites.segment - 1, 0)]
         origins = np.where((sites.segment == 0)[:, None], 0.0, origins)
         return origins + (site_frames(posed, sites) @ sites.offset[..., None])[..., 0]
@@ -198,9 +202,10 @@ class HandSkeleton:
     def site_jacobian(
         self, posed: PosedHand, sites: HandSites, points: Float[np.ndarray, "n sites 3"], turn: np.ndarray
     ) -> Float[np.ndarray, "n sites 3 a"]:
-        """Return the (F, L, 3, A) derivatives ``R (axis × (point - joint))`` w.r.t. the angles.
+        """Return the (F, L, 3, A) derivatives of points w.r.t. the finger angles: ``R (axis × (point - joint))``.
 
-        ``points`` (F, L, 3) are in metres in the hand's axes. ``turn`` (F, 3, 3) is R, from these axes to the output.
+        ``points`` (F, L, 3) are in metres in hand axes. ``turn`` (F, 3, 3) is R, the rotation from hand axes to the
+        output's.
         """
         site, angle = np.nonzero((sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF))
         turn_T = np.swapaxes(turn, 1, 2)
@@ -211,9 +216,10 @@ class HandSkeleton:
         return jacobian
 
     def local_rotations(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n 5 3 3 3"]:
-        """Return (F, 5, 3, 3, 3) finger rotations from rest, in the parents' rest frames.
+        """Convert (F, A) angles to (F, 5, 3, 3, 3) finger rotations from rest, in the parents' rest frames.
 
-        ``G_j = A_j A_j⁰ᵀ``, where A is the posed frame of the segment and A⁰ its frame at rest, and ``R_j = G_pᵀ G_j``.
+        ``G_j = A_j A_j⁰ᵀ``, where A is the posed frame of the segment and A⁰ its frame at rest, and ``R_j = G_pᵀ G_j``
+        with the parent p.
         """
         posed = self.pose(angles)
         G = posed.frames[:, :, 1:] @ np.swapaxes(self.rest, -1, -2)
@@ -222,7 +228,7 @@ class HandSkeleton:
         return local
 
     def angles_of(self, local: Float[np.ndarray, "n 5 3 3 3"]) -> Float[np.ndarray, "n a"]:
-        """Return the (F, A) angles that are closest to given rotations from rest."""
+        """Convert (F, 5, 3, 3, 3) finger rotations from rest to the nearest (F, A) angles in radians."""
         G = [local[:, :, 0]]
         for joint in (1, 2):
             G.append(G[-1] @ local[:, :, joint])
@@ -233,13 +239,16 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return the (F, L, 3, 3) segment frames of points, which are the points' derivatives w.r.t. their offsets."""
+    """Return the (F, L, 3, 3) frames of the segments that carry the points.
+
+    They are also the derivatives of the points w.r.t. their offsets.
+    """
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
 
 
 def _segments(palm: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return the (F, 5, 4, 3, 3) frames of palm and segments. Each joint rotates all following segments."""
+    """Return the (F, 5, 4, 3, 3) frames of palm and finger segments. Each joint rotates all following segments."""
     frames = [palm]
     for joint in range(turns.shape[2]):
         frames.append(frames[-1] @ turns[:, :, joint])
@@ -250,7 +259,7 @@ RADIUS_M = (0.009, 0.0085, 0.0085, 0.008, 0.007)
 """Half the width of each finger at its last joint in metres, thumb first, for a hand of ``PALM_M`` (Garrett 1971)."""
 PALM_M = 0.09  # Distance from wrist to middle knuckle in a hand with these widths.
 BONES = np.array([[4 * finger + k, 4 * finger + k + 1] for finger in range(5) for k in range(1, 4)])
-"""Ends of each finger's three bones beyond its knuckle, as indices into ``HAND_POINTS``."""
+"""(15, 2) ends of the three bones beyond each finger's knuckle, as indices into ``HAND_POINTS``."""
 _ONE, _OTHER = (pair for pair in np.triu_indices(len(BONES)))
 _APART = _ONE // 3 != _OTHER // 3  # True for bones of different fingers.
 PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])  # (2, 90) pairs of bones from different fingers.
@@ -258,7 +267,7 @@ PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])  # (2, 90) pairs of bones from 
 
 @dataclass(frozen=True)
 class FingerGaps:
-    """Distances between P pairs of bones from different fingers over F frames."""
+    """Distances between P pairs of bones from different fingers in F frames."""
 
     depth: Float[np.ndarray, "frames pairs"]  # (F, P) metres by which two bones overlap, negative if they do not.
     along: Float[np.ndarray, "frames pairs 2"]  # (F, P, 2) nearest points, as fractions along each bone.
@@ -266,7 +275,11 @@ class FingerGaps:
 
 
 def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
-    """Return the overlaps ``r_a + r_b - d`` of capsules around bones of different fingers."""
+    """Return how far the bones of different fingers overlap in (F, 21, 3) ``HAND_POINTS``.
+
+    Each bone is a capsule with the radius of its finger, scaled by the size of the palm. The overlap is ``r_a + r_b -
+    d``.
+    """
     radius = np.repeat(RADIUS_M, 3)
     palm = np.linalg.norm(points[:, 9] - points[:, 0], axis=-1)[:, None]
     (a, b), (c, d) = (np.moveaxis(points[:, BONES[bones]], 2, 0) for bones in PAIRS)
@@ -286,7 +299,9 @@ def nearest_points(
     c: Float[np.ndarray, "*batch 3"],
     d: Float[np.ndarray, "*batch 3"],
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3"]]:
-    """Return the nearest points of two segments as fractions, and the vector between these points.
+    """Return the nearest points of the segments a to b and c to d, as fractions (..., 2), and the vector between them.
+
+    The vector (..., 3) points from the second segment to the first.
 
     Reference: Ericson 2004, "Real-Time Collision Detection", section 5.1.9.
     """

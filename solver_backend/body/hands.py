@@ -1,4 +1,4 @@
-"""Load bodies with finger joints: the built-in body with its hands file, SMPL-H and SMPL-X."""
+"""Add finger joints to bodies: the built-in body with its hands file, SMPL-H and SMPL-X."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _NUM_FINGERS = SMPL_HANDS.num_joints - FIRST_FINGER  # Number of finger joints i
 
 
 def load_body_with_hands() -> Body:
-    """Read the built-in body with finger joints in the layout ``SMPL_HANDS``."""
+    """Read the built-in body with finger joints (layout ``SMPL_HANDS``)."""
     return with_fingers(load_body())
 
 
 @lru_cache(maxsize=4)
 def with_fingers(body: Body) -> Body:
-    """Add finger joints to a body. Its skin, shapes and body joints do not change.
+    """Add finger joints to a body. The skin, shapes and body joints do not change.
 
     Raises:
         BodyInvalid: the body has no fingers and is not the built-in one.
@@ -55,13 +55,17 @@ def with_fingers(body: Body) -> Body:
 
 
 def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
-    """Return the (30, 3, 3) finger rotations from rest to AMASS's zero pose, which is a flat hand."""
+    """Return the (30, 3, 3) finger rotations from the rest pose to a flat hand, AMASS's zero pose."""
     own = body.id == str(_hands_file()["body_id"])
     return _hands_file()["flat"].astype(np.float64) if own else np.tile(np.eye(3), (_NUM_FINGERS, 1, 1))
 
 
 def with_hand_size(body: Body, size: float) -> Body:
-    """Scale a body's hands relative to its shape: ``v + (size - 1) d``."""
+    """Scale a body's hands by the factor ``size``: ``v + (size - 1) d`` with the ``hand_size_directions`` d.
+
+    Raises:
+        BodyInvalid: the size is not positive.
+    """
     if not size > 0.0:
         raise BodyInvalid(f"The relative hand size is {size}, but a positive number is expected.", where=body.id)
     if size == 1.0:
@@ -75,7 +79,7 @@ def hand_size_directions(
     weights: Float[np.ndarray, "vertices 52"],
     joints: Float[np.ndarray, "52 3"],
 ) -> Float[np.ndarray, "vertices 3"]:
-    """Return the (V, 3) displacements in metres per unit of relative hand size."""
+    """Return the (V, 3) displacements of the vertices in metres per unit of relative hand size."""
     directions = np.zeros_like(vertices)
     for side in ("left", "right"):
         wrist = SMPL_HANDS.joints.index(f"{side}_wrist")
@@ -98,32 +102,32 @@ COLUMNS: tuple[tuple[int, ...], ...] = tuple(  # A hand's finger joints in SMPL-
 
 @lru_cache(maxsize=8)
 def hand_skeletons(body: Body) -> tuple[HandSkeleton, HandSkeleton]:
-    """Return both hands of a ``SMPL_HANDS`` body with mean shape, in its rest pose."""
+    """Return the left and right hand skeleton of a body with finger joints, for its mean shape."""
     left, right = (HandSkeleton.of_points(hand_points(body, side), side) for side in range(len(SIDES)))
     return left, right
 
 
 def hand_of_shape(body: Body, betas: Float[np.ndarray, " 10"], side: int) -> HandSkeleton:
-    """Return one hand of a ``SMPL_HANDS`` body with the given (10,) betas."""
+    """Return one hand skeleton of a body with finger joints, for (10,) shape coefficients."""
     return HandSkeleton.of_points(hand_points(body, side, betas), side)
 
 
 def by_joint(values: np.ndarray) -> np.ndarray:
-    """Convert (F, 5, 3, ...) values in the finger order of ``FINGERS`` to SMPL-H's order (F, 15, ...)."""
+    """Reorder finger values (F, 5, 3, ...) by finger to SMPL-H's joint order (F, 15, ...)."""
     ordered = np.empty((len(values), JOINTS_OF_A_HAND, *values.shape[3:]), values.dtype)
     ordered[:, np.array(COLUMNS)] = values
     return ordered
 
 
 def by_finger(values: np.ndarray) -> np.ndarray:
-    """Convert (F, 15, ...) values in SMPL-H's order to (F, 5, 3, ...) in the finger order of ``FINGERS``."""
+    """Reorder finger values (F, 15, ...) in SMPL-H's joint order to (F, 5, 3, ...) by finger."""
     return values[:, np.array(COLUMNS)]
 
 
 def finger_rotations(body: Body, angles: Float[np.ndarray, "frames 2 a"]) -> Float[np.ndarray, "frames 30 3 3"]:
-    """Return the (F, 30, 3, 3) local rotations of the finger joints in SMPL-H's order.
+    """Convert finger angles (F, 2, A) in radians to local rotations (F, 30, 3, 3) in SMPL-H's joint order.
 
-    ``angles`` (F, 2, A) are in radians, left hand first.
+    Both have the left hand first.
     """
     found = np.zeros((len(angles), 2, JOINTS_OF_A_HAND, 3, 3))
     for side, skeleton in enumerate(hand_skeletons(body)):
@@ -132,12 +136,12 @@ def finger_rotations(body: Body, angles: Float[np.ndarray, "frames 2 a"]) -> Flo
 
 
 def rest_angles(body: Body) -> Float[np.ndarray, "2 a"]:
-    """Return the (2, A) angles of the hands at rest in radians."""
+    """Return the (2, A) finger angles of both hands at rest, in radians."""
     return np.stack([skeleton.rest_angles for skeleton in hand_skeletons(body)])
 
 
 def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = None) -> Float[np.ndarray, "21 3"]:
-    """Return the (21, 3) ``HAND_POINTS`` at rest in metres, for the mean shape by default."""
+    """Return the (21, 3) ``HAND_POINTS`` of a body at rest in metres, for the mean shape by default."""
     rows, tips = _joints(side), tip_vertices(body)[side]
     joints, ends = body.joints_template[rows], body.v_template[tips]
     if betas is not None:
@@ -148,7 +152,7 @@ def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = 
 
 @lru_cache(maxsize=8)
 def tip_vertices(body: Body) -> Int[np.ndarray, "2 5"]:
-    """Return the (2, 5) fingertip vertices, which are the farthest ones along the last bones."""
+    """Return the (2, 5) fingertip vertices: the ones farthest along the last bone of each finger."""
     tips = np.zeros((len(SIDES), len(FINGERS)), dtype=int)
     for side in range(len(SIDES)):
         for finger, last in enumerate(_joints(side)[3::3]):

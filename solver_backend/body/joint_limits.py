@@ -1,4 +1,4 @@
-"""Measure how far the SMPL family's body joints exceed the limits in their layout.
+"""Measure how far the SMPL family's body joints exceed their ranges of motion.
 
 A rotation is split into a twist about the bone and a swing (Grassia 1998). This gives three angles about the axes of
 the T-pose (x to the left, y up, z forward). One is the twist, and the other two form the swing's rotation vector.
@@ -18,16 +18,19 @@ MARGIN_DEG = 15.0  # Tolerance at both ends, for differences between people (10 
 
 
 def excess_deg(local: Array) -> Array:
-    """Return (N, 21) degrees by which joints 1..21 exceed their range and margin, 0 if within."""
+    """Return the degrees (N, 21) by which joints 1..21 exceed their range plus margin, or 0 within it.
+
+    ``local`` are (N, 21, 3, 3) joint rotations.
+    """
     return _beyond(swing_and_twist(local) * (180.0 / np.pi), _LOW, _HIGH)
 
 
 def posture_excess_deg(local: Array) -> Array:
-    """Return (N, 21) excess degrees, using a measure that suits deep knee bends.
+    """Return the same excess degrees (N, 21), with a measure for the knees that suits deep bends.
 
     People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, heels up), and the
-    swing axis tilts. Near 180 degrees a tilted axis barely moves the shin sideways. Knees use the shin's direction d:
-    flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``. Priors and training use ``excess_deg``.
+    swing axis tilts. Near 180 degrees a tilted axis barely moves the shin sideways. Knees therefore use the shin's
+    direction d: flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``. Priors and training use ``excess_deg``.
     """
     xp = array_namespace(local)
     if local.shape[0] > _POSES:
@@ -44,7 +47,7 @@ def posture_excess_deg(local: Array) -> Array:
 
 
 def swing_and_twist(local: Array) -> Array:
-    """Return the (N, 21, 3) angles in radians about x, y and z for ``R = swing · twist``."""
+    """Split (N, 21, 3, 3) rotations ``R = swing · twist`` into (N, 21, 3) angles in radians about x, y and z."""
     xp = array_namespace(local)
     q = quat_from_matrix(local)
     along = constant(_TWIST, local)
@@ -58,7 +61,7 @@ def swing_and_twist(local: Array) -> Array:
 
 
 def from_swing_and_twist(angles: Array) -> Array:
-    """Convert angles to (N, 21, 3, 3) rotations. This is the inverse of ``swing_and_twist``."""
+    """Convert (N, 21, 3) angles in radians to (N, 21, 3, 3) rotations, the inverse of ``swing_and_twist``."""
     twist = constant(_TWIST, angles) * angles
     return array_namespace(angles).matmul(exp_so3(angles - twist), exp_so3(twist))
 

@@ -1,4 +1,4 @@
-"""List the labels that inertial suits, 3D keypoints and skeleton exports use for joint centres."""
+"""Recognise joint centre labels of inertial suits, 3D keypoints and skeleton exports."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ _OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}  # Joi
 
 
 def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
-    """Map joint centre labels to locations, or to "" if they are unused.
+    """Map the labels of a skeleton's joint centres to body locations, or to "" where a label is not used.
 
-    A location is ``=`` and a body joint, or ``~`` and a detector keypoint. The result is empty if less than
+    A location is ``=`` and a body joint, or ``~`` and a detector keypoint. The result is empty if fewer than
     ``LEAST_SHARE`` of the labels are words from one vocabulary, or if no limb exists on both sides.
     """
     bare = tuple(map(bare_label, labels))
@@ -70,7 +70,7 @@ def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
 
 
 def is_joint_centre(place: str) -> bool:
-    """Return whether a location is inside the body, like a joint or a detector keypoint."""
+    """Return whether a location is a joint or a detector keypoint inside the body, not a skin marker."""
     return place[:1] in (JOINT, KEYPOINT)
 
 
@@ -107,7 +107,7 @@ def _is_skeleton(places: set[str], vocabulary: str) -> bool:
 
 
 def _as_joints(places: dict[str, str]) -> dict[str, str]:
-    """Convert locations to joints. Detector keypoints are kept if they include the face.
+    """Convert keypoint locations to joint locations, unless keypoints of the face show that a detector was used.
 
     If there is no ankle, the foot at the end of a leg is used as the ankle (Human3.6M).
     """
@@ -127,6 +127,6 @@ def _as_joints(places: dict[str, str]) -> dict[str, str]:
 
 
 def _without_repeats(places: dict[str, str]) -> dict[str, str]:
-    """Return the locations. Labels that repeat an earlier location get empty text."""
+    """Replace a location by "" if an earlier label already has it."""
     first = {place: label for label, place in reversed(places.items())}
     return {label: place if first[place] == label else "" for label, place in places.items()}

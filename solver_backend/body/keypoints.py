@@ -63,23 +63,31 @@ _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
         {"hip": AtJoints({"hip": 1.0}, (0.045, 0.0, 0.0)), "ankle": AtJoints({"ankle": 1.0})},
     ),
 }
-"""Midline and left rules for joint sets that use the same names for other locations."""
+"""Midline and left rules of joint sets in which a name means another location."""
 
 
 def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
-    """Return a detector's keypoints as landmarks. Raise ``BodyInvalid`` if a ray misses the skin."""
+    """Return a detector's keypoints as landmarks on a body.
+
+    Raises:
+        BodyInvalid: a ray misses the skin.
+    """
     if joint_set is JointSet.SMPL_24:
         return joint_landmarks(body, SMPL)
     return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)
 
 
 def keypoint_rules() -> dict[str, tuple[str, Rule]]:
-    """Return the side and rule of each keypoint common to all detectors, by name."""
+    """Return the side and rule, by name, of the keypoints that all detectors share."""
     return _COMMON
 
 
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
-    """Return landmarks for the joints of another layout. Raise ``BodyInvalid`` if one has no counterpart."""
+    """Return the joints of another layout as landmarks on this body.
+
+    Raises:
+        BodyInvalid: a joint has no counterpart on this body.
+    """
     chosen = list(body.layout.standing_for(layout))
     one_hot = np.eye(body.layout.num_joints)[chosen]
     joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]

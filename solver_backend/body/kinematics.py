@@ -1,4 +1,4 @@
-"""Compute forward kinematics: global rotations and joint positions of the kinematic tree."""
+"""Compute forward kinematics: global rotations and positions of the joints."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True)
 class PosedSkeleton:
-    """A posed kinematic tree with F frames and J joints, in world metres."""
+    """A skeleton of J joints posed in F frames, in world metres."""
 
     G: Float[Array, "frames joints 3 3"]  # (F, J, 3, 3) global rotation of each joint.
     joints: Float[Array, "frames joints 3"]  # (F, J, 3) positions.
@@ -27,7 +27,7 @@ def forward_kinematics(
     local: Float[Array, "frames n 3 3"],
     transl: Float[Array, "frames 3"],
 ) -> PosedSkeleton:
-    """Pose the tree: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)``.
+    """Pose the skeleton of a body: ``G_j = G_p R_j`` and ``p_j = p_p + G_p (J_j - J_p)`` for joint j and its parent p.
 
     ``global_orient`` (F, 3, 3) rotates the body about the pelvis joint, and ``local`` (F, n, 3, 3) rotates joints 1..n.
     The landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)`` provide derivatives of the joints.
@@ -45,7 +45,7 @@ def forward_kinematics(
 
 
 def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames m 3 3"]:
-    """Append the body's relaxed fingers to local rotations if these do not include fingers."""
+    """Append the body's relaxed finger rotations to local rotations that do not include fingers."""
     if body.hands_mean is None or local.shape[1] > body.layout.num_solved:
         return local
     xp = array_namespace(local)
@@ -54,7 +54,7 @@ def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float
 
 
 def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
-    """Return (F, R - 1, 3) axis-angles for the joints stored in motions, 0 where missing."""
+    """Select the axis-angles (F, R - 1, 3) of the joints that motions store, without the root, with 0 where missing."""
     own = np.array(body.recorded_joints[1:]) - 1
     pose = np.zeros((len(vectors), len(own), 3))
     turned = own < vectors.shape[1]
@@ -63,7 +63,7 @@ def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
 
 
 def pose_feature(local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames features"]:
-    """Return the (F, 9 n) features ``flatten(R_j - I)`` (Loper et al. 2015, eq. 9)."""
+    """Return the (F, 9 n) pose features ``flatten(R_j - I)`` for pose correctives (Loper et al. 2015, eq. 9)."""
     xp = array_namespace(local)
     return xp.reshape(local - constant(np.eye(3), local), (local.shape[0], -1))
 

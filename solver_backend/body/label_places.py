@@ -1,4 +1,4 @@
-"""Write and read a file with the location of each label in a recording."""
+"""Write and read the user's file that assigns a body location to each label of a recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ _LARGEST_BYTES = 1_000_000  # Size limit of the file in bytes, chosen by hand.
 
 
 def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:
-    """Write the location of each label. It is null if the solve should find the bone."""
+    """Write a file that assigns the recognised location to each label.
+
+    Unrecognised labels get null, which lets the solve find the bone. Labels that are not used get empty text.
+    """
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands])
     left_out, known = {*names.virtual, *names.doubled}, {**names.known, **hands}
@@ -30,9 +33,10 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
 
 
 def read_label_places(path: Path | str) -> dict[str, str]:
-    """Read the location of each label. Empty text excludes a marker, and null gives no entry.
+    """Read the location of each label from a file. Empty text excludes a marker, and null gives no entry.
 
-    A location is a name in the layouts, ``@`` and the joint of the marker's bone, or a hand location such as ``L_FT2``.
+    A location is a marker name in the layouts, ``@`` and the joint of the marker's bone, or a hand location such as
+    ``L_FT2``.
 
     Raises:
         FileMissing, FileDamaged: the file does not exist or has another format.
@@ -49,7 +53,7 @@ def read_label_places(path: Path | str) -> dict[str, str]:
 
 
 def places_given(layout: str) -> dict[str, str]:
-    """Return the user's locations by label (see ``read_label_places``). Return {} for an empty path."""
+    """Read the user's locations by label from the file ``layout`` (see ``read_label_places``), or {} without a file."""
     return read_label_places(layout) if layout else {}
 
 

@@ -1,4 +1,4 @@
-"""Split labels in several languages into a side and the words for a body part."""
+"""Split marker labels in several languages into a side and words for a body part."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _APART = tuple(
 
 @dataclass(frozen=True)
 class Sides:
-    """Words for sides, from the layouts file."""
+    """Words and letters that mean left or right, from the layouts file."""
 
     words: dict[str, str]  # L or R for each word that means a side at any position, in capitals.
     short: tuple[tuple[str, str], ...]  # Pairs of short words that mean sides only if separate or last: li and re.
     letters: tuple[Letters, ...]  # Pairs of letters, one pair per language, English first.
 
     def by_token(self, letters: Letters = ENGLISH) -> dict[str, str]:
-        """Return the side for each word that means one when it is separate."""
+        """Return the side (L or R) of each word and letter that means a side when it is separate."""
         short = {word: side for pair in self.short for word, side in zip(pair, "LR", strict=True)}
         return short | self.words | dict(letters)
 
     def apart(self, label: str, letters: Letters) -> tuple[str, str] | None:
-        """Split off a separate side. Return the side and the remaining name (``M5_G``, ``liM5``), or None."""
+        """Split a separate side off a label, as in ``M5_G`` or ``liM5``. Return the side and the rest, or None."""
         by_token = self.by_token(letters)
         for pattern in _APART:
             found = pattern.fullmatch(label)
@@ -49,10 +49,11 @@ class Sides:
         return None
 
     def glued(self, names: Sequence[str], letters: Letters) -> dict[str, tuple[str, str]]:
-        """Return the side and name of each label that ends in a side: ``ASISr``, ``KNIEli``.
+        """Split labels that end in a side, as in ``ASISr`` or ``KNEli``, into side and name.
 
         A single ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). Either the other
-        side's label must exist while no label ends in m, or ``LEAST_GLUED`` pairs must prove the ending's meaning.
+        side's label must exist while no label ends in m, or ``LEAST_GLUED`` pairs must prove that the ending means a
+        side.
         """
         there, found = set(names), dict[str, tuple[str, str]]()
         shown: Counter[str] = Counter()
@@ -72,7 +73,7 @@ class Sides:
         return found
 
     def _endings(self, letters: Letters) -> Iterator[tuple[str, str, str]]:
-        """Yield (ending, ending for the other side, side), short words before letters."""
+        """Yield (ending, ending for the other side, side), with short words before letters."""
         for left, right in (*self.short, (letters[0][0], letters[1][0])):
             for one, other, side in ((left, right, "L"), (right, left, "R")):
                 for spell in (str.upper, str.lower):
@@ -80,7 +81,7 @@ class Sides:
 
 
 def sides_of_file(values: dict[str, Any]) -> Sides:
-    """Return the sides defined in the sections of a layouts file."""
+    """Read the words for sides from the contents of a layouts file."""
     return Sides(
         {word: side for side, words in values["sides"].items() for word in words},
         tuple((left, right) for left, right in values["short_sides"]),
@@ -119,7 +120,7 @@ _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "O
 
 @dataclass(frozen=True)
 class LabelWords:
-    """Words from the layouts file."""
+    """Vocabulary for labels: words for body parts and sides in several languages, from the layouts file."""
 
     vocabulary: dict[str, str]  # Word for each spelling, in capitals. Empty for words without meaning.
     alone: dict[str, str]  # Words that mean something else when alone: a single "front" is a forehead.
@@ -127,7 +128,7 @@ class LabelWords:
     phrases: dict[tuple[str, ...], tuple[str, ...]]  # Locations by the sorted words that name them, without side.
 
     def of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, list[str]]:
-        """Return a label's side (or "") and its words, or no words if some are unknown."""
+        """Split a label into a side (or "") and known words. If a word is unknown, there are no words."""
         for pattern in _TOKENS:
             side, words = self._of_tokens([token.upper() for token in pattern.findall(spelt(label))], letters)
             if words:
@@ -151,7 +152,7 @@ class LabelWords:
         return found[0] if found else "", [word for form in words if (word := self.vocabulary.get(form, ""))]
 
     def known_in(self, text: str) -> tuple[str, frozenset[str]]:
-        """Return the side in any text (empty if there is none or both) and the known words.
+        """Return the side in a text ("" if it names none or both), and the known words in it.
 
         A single letter that is not a side hides all words, because it may change their meaning.
         """
@@ -172,7 +173,7 @@ class LabelWords:
         return sides.pop() if len(sides) == 1 else "", frozenset(words - {""})
 
     def _joined(self, tokens: list[str]) -> list[str]:
-        """Join two tokens that form one known word: avant-bras, upper arm."""
+        """Join two adjacent tokens that form one known word, such as avant-bras or upper arm."""
         joined: list[str] = []
         for token in tokens:
             if joined and min(len(token), len(joined[-1])) > 1 and joined[-1] + token in self.vocabulary:
@@ -181,27 +182,27 @@ class LabelWords:
         return joined
 
     def of_glued(self, label: str) -> tuple[str, list[str]]:
-        """Return the side and words of a label that ends in a side letter: ``ForearmL``."""
+        """Split a label that ends in a side letter, such as ``ForearmL``, into side and words."""
         return self.of(f"{label[-1:]} {label[:-1]}") if label[-1:] in ("L", "R") else ("", [])
 
     def places_of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, ...]:
-        """Return the locations that a label's words name as a whole phrase."""
+        """Return the locations whose phrase consists of exactly a label's words."""
         side, words = self.of(label, letters)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))
 
     def lacks_side(self, label: str) -> bool:
-        """Return whether a label names a location that exists on both sides without stating the side."""
+        """Return whether a label names a location that exists on both sides, but no side."""
         return bool(self.without_side(label))
 
     def without_side(self, label: str) -> tuple[str, ...]:
-        """Return the sided locations that a label's words name without giving a side."""
+        """Return the locations, without side, that a label names if it does not say left or right."""
         side, words = self.of(label)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words and not side else ()
         return () if any(part[0] == "-" for part in parts) else parts
 
     def _split(self, token: str) -> list[str] | None:
-        """Split a token into known words, or return None."""
+        """Split a token into known words, or return None if that is impossible."""
         if token in self.vocabulary or token in self.sides.words:
             return [token]
         whole = len(token)
@@ -219,13 +220,17 @@ class LabelWords:
         return max(map(len, (*self.vocabulary, *self.sides.words)))
 
     def _is_part(self, text: str) -> bool:
-        """Return whether a part of a token is a word. ``HANDLE`` is not ``HAND`` and an article."""
+        """Return whether part of a token is a word. Articles do not count, so ``HANDLE`` is not ``HAND`` and ``LE``."""
         long = text in self.vocabulary and len(text) > ARTICLE
         return bool(self.vocabulary.get(text)) or long or text in self.sides.words
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Return the words in a layouts file. Raise ``KeyError`` for unknown words."""
+    """Read the vocabulary from the contents of a layouts file.
+
+    Raises:
+        KeyError: a phrase contains an unknown word.
+    """
     vocabulary = {form: word for word, forms in values["words"].items() for form in (word, *forms)}
     phrases: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place, texts in values["phrases"].items():
@@ -237,7 +242,7 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
 
 
 def spelt(label: str) -> str:
-    """Remove accents from a label and write vertebrae like ``C7``. Return "" if it is too long."""
+    """Remove accents from a label, and write vertebrae like ``C7``. Return "" if the label is too long."""
     if len(label) > LONGEST_LABEL:
         return ""
     decomposed = unicodedata.normalize("NFKD", label.translate(_SPELT))
@@ -256,28 +261,28 @@ LONGEST = 30  # Largest number of characters in such a prefix or suffix.
 
 @dataclass(frozen=True)
 class Affixes:
-    """Prefix and suffix shared by all names: ``p`` in ``pRightASI``, ``_study`` in ``r.ASIS_study``."""
+    """Prefix and suffix that a recording's labels share: ``p`` in ``pRightASI``, ``_study`` in ``r.ASIS_study``."""
 
     prefix: str = ""
     suffix: str = ""
 
     def bare(self, label: str) -> str:
-        """Remove the subject, prefix and suffix from a label."""
+        """Remove the subject name, prefix and suffix from a label."""
         return bare_label(label).removeprefix(self.prefix).removesuffix(self.suffix)
 
 
 def bare_label(label: str) -> str:
-    """Remove the subject from a label."""
+    """Remove the subject name, which ends in a colon, from a label."""
     return label.rpartition(":")[2].strip()
 
 
 def prefixes(bare: Sequence[str]) -> Iterator[Affixes]:
-    """Yield possible prefixes that nearly all labels share, shortest first."""
+    """Yield prefixes that nearly all labels share, shortest first."""
     yield from map(Affixes, _shared(bare))
 
 
 def suffixes(bare: Sequence[str]) -> Iterator[Affixes]:
-    """Yield possible suffixes that nearly all labels share, shortest first."""
+    """Yield suffixes that nearly all labels share, shortest first."""
     for reverse in _shared([label[::-1] for label in bare]):
         yield Affixes(suffix=reverse[::-1])
 

@@ -1,4 +1,4 @@
-"""Compute landmarks on the body and their Jacobians without the full mesh.
+"""Compute landmarks on the body and their Jacobians without posing the full mesh.
 
 Positions are linear in the joints' global rotations: ``y_l = p_0 + sum_c G_c h_lc``. The levers ``h_lc`` depend only on
 the shape, so a take needs only a few matrix products.
@@ -28,7 +28,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """L named points ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` on bones b."""
+    """L named points on the body: ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` with bones b."""
 
     names: tuple[str, ...]
     weights: Float[np.ndarray, "landmarks joints"]  # (L, J) weight of each bone. Rows sum to 1.
@@ -55,8 +55,8 @@ class Landmarks:
             rest: (P, 3) rest positions for the mean shape in metres.
             shapedirs: (P, 3, 10) displacements in metres per unit of shape.
             weights: (P, J) skinning weights. Rows sum to 1.
-            mix: (L, P) weight of each point. Rows sum to 1. None makes each point a landmark.
-            posedirs: (P, 3, 9 (J - 1)) pose correctives of unmixed points.
+            mix: (L, P) weight of each point in each landmark. Rows sum to 1. None makes each point a landmark.
+            posedirs: (P, 3, 9 (J - 1)) pose correctives. They are not allowed together with ``mix``.
         """
         if mix is None:
             mix = np.eye(len(rest))
@@ -73,7 +73,7 @@ class Landmarks:
 
     @classmethod
     def joined(cls, parts: Sequence[Landmarks]) -> Landmarks:
-        """Concatenate landmarks. Rigid ones get zero correctives."""
+        """Concatenate landmarks. If some have pose correctives, the others get zero correctives."""
         names = tuple(name for part in parts for name in part.names)
         shared = (np.concatenate([getattr(p, key) for p in parts]) for key in ("weights", "anchors", "shapedirs"))
         skinned = next((part.posedirs for part in parts if part.posedirs is not None), None)
@@ -95,9 +95,10 @@ _ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(1
 
 @dataclass(frozen=True)
 class _LandmarkPairs:
-    """Pairs of a landmark and a joint: whole pairs, and N pairs in which only part of the landmark moves.
+    """Pairs of a landmark and a joint that moves it.
 
-    In those N pairs, the joint rotates some of the landmark's bones, or moves it by a pose corrective.
+    In a whole pair, the joint rotates all of the landmark's bones. In the N other pairs it rotates only some of them,
+    or moves the landmark by a pose corrective.
     """
 
     whole: np.ndarray  # (3 L, 3 K) 1 for whole pairs.
@@ -120,14 +121,17 @@ def rotation_jacobian(
     correction: Float[Array, "frames landmarks 3"] | None,
     count: int,
 ) -> Float[Array, "frames landmarks 3 tangents"]:
-    """Return the (F, L, 3, 3·count) derivatives w.r.t. left tangents of root and joints.
+    """Return the (F, L, 3, 3·count) derivatives of landmarks w.r.t. left tangents of the root and the first joints.
 
     A left tangent d at joint k rotates everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
     ``r_lk = sum_{c below k} G_c h_lc``. This is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
     moves the rest point by ``D_k vec([d]x R_k)``.
 
-    ``points`` are the posed landmarks. ``levers`` depend on the shape. ``correction`` contains correctives in the rest
-    pose.
+    Args:
+        points: (F, L, 3) posed landmarks.
+        levers: (L, J, 3) levers h for the body's shape.
+        correction: (F, L, 3) pose correctives in the rest pose, or None without correctives.
+        count: number of joints, including the root.
     """
     xp = array_namespace(points)
     pairs = _pairs(body.parents, landmarks, count)
@@ -149,13 +153,13 @@ def rotation_jacobian(
 
 
 def _arms(xp: Any, points: Array) -> Array:
-    """Return the (F, 3 L, 6) matrices ``[-[y]x | I]``, which map a screw to the velocity of the point y."""
+    """Return the (F, 3 L, 6) matrices ``[-[y]x | I]``, which map a screw to the velocity of each point y."""
     arms = xp.matmul(points, constant(_ARM_BY_POINT, points)) + constant(_ARM_AT_ORIGIN, points)
     return xp.reshape(arms, (points.shape[0], -1, 6))
 
 
 def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
-    """Return the (F, 6, 3 K) tangent axes a (in the world or parent frame) and moments ``p x a``."""
+    """Return the (F, 6, 3 K) screws of the tangents: axes a (in the world or parent frame) and moments ``p x a``."""
     frames, count = joints.shape[:2]
     eye = xp.broadcast_to(constant(np.eye(3), G), (frames, 1, 3, 3))
     parents = [body.parents[k] for k in range(1, count)]
@@ -168,7 +172,7 @@ def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
 def _others(
     xp: Any, pairs: _LandmarkPairs, G: Array, local: Array, lever_map: Array, correction: Array | None
 ) -> Array:
-    """Return the (F, 3, 3, N) columns (axis, tangent) for the pairs that are not whole."""
+    """Return the (F, 3, 3, N) Jacobian columns, by axis and tangent, of the pairs that are not whole."""
     frames, num_pairs = G.shape[0], len(pairs.landmark)
     lever = xp.matmul(xp.reshape(xp.permute_dims(G, (0, 2, 1, 3)), (3 * frames, -1)), lever_map)
     lever = xp.reshape(lever, (frames, 3, num_pairs))
@@ -185,7 +189,7 @@ def _others(
 
 
 def _cross(xp: Any, a: Array, b: Array) -> Array:
-    """Return the cross products of vectors whose components are along dimension 1."""
+    """Return the cross products of two arrays of vectors, with the components along dimension 1."""
     (ax, ay, az), (bx, by, bz) = ([v[:, i] for i in range(3)] for v in (a, b))
     return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
@@ -230,7 +234,7 @@ def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _Landm
 
 
 def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
-    """Return the corrected joints, their padded correctives, and the indices of the real columns."""
+    """Return the joints with correctives, the correctives padded to equal width, and indices of the real columns."""
     joints = tuple(int(k) for k in np.flatnonzero(corrected.any(0)))
     width = int(corrected.sum(0).max(initial=0))
     # D_k vec([e_a]x R) = D' vec(R): the cross product is folded into the constant.
@@ -246,7 +250,7 @@ def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...],
 
 @dataclass(frozen=True)
 class PosedLandmarks:
-    """L posed landmarks and their derivatives over F frames, in world metres."""
+    """Positions and derivatives of L landmarks in F frames, in world metres."""
 
     points: Float[Array, "frames landmarks 3"]  # (F, L, 3).
     by_rotations: Float[Array, "frames landmarks 3 tangents"] | None  # (F, L, 3, 3 + 3 n) w.r.t. left tangents.
@@ -273,6 +277,7 @@ def pose_landmarks(
     Args:
         local: (F, n, 3, 3) rotations of joints 1..n, which include all solved joints.
         offsets: (L, 3) offsets in metres in the rest pose, added to each landmark (detector bias, marker placement).
+        jacobian: also compute derivatives w.r.t. rotations and offsets.
         by_shape: also compute derivatives w.r.t. the shape.
         num_rotations: number of rotations to differentiate w.r.t. (root and first joints). None for all solved ones.
     """
@@ -304,7 +309,7 @@ def pose_landmarks(
 
 
 def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Array | None) -> Array:
-    """Return the (L, J, 3) levers h in metres: the part of each landmark on each bone."""
+    """Return the (L, J, 3) levers h in metres, the share of each landmark's position on each bone."""
     levers = constant(_rest_levers(body, landmarks), betas)
     levers = levers + xp.matmul(constant(_shape_levers(body, landmarks), betas), betas)
     if offsets is None:

@@ -1,4 +1,4 @@
-"""Read the data file on marker layouts: locations, names, and names of computed points."""
+"""Read the data file of marker layouts: marker locations, their names, and names of computed points."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _LEAST_SIGNS = 2  # Number of specific labels that identify a naming system. One
 
 @dataclass(frozen=True)
 class Family:
-    """Names that are valid only together with other names from the same system."""
+    """Marker names from one naming system. They are used only if several labels of a recording fit the system."""
 
     signs: frozenset[str]  # Names, as keys. Two of them identify the system.
     names: dict[str, str]  # Location by name: a marker location, or ``@`` and a joint.
     virtual: frozenset[str]  # Names of computed points.
 
     def fits(self, keys: frozenset[str]) -> bool:
-        """Return whether a recording with these names uses this system."""
+        """Return whether a recording with these keys of labels uses this naming system."""
         return len(self.signs & keys) >= _LEAST_SIGNS
 
 
@@ -53,7 +53,7 @@ class LayoutFile:
 
     @cached_property
     def places_read(self) -> dict[tuple[str, Letters], tuple[str, ...]]:
-        """Cache of locations by name and side letters."""
+        """Cache of the locations of names, by name and side letters."""
         return {}
 
     def place_of(self, label: str) -> str | None:
@@ -65,27 +65,27 @@ class LayoutFile:
         return next((self.names[key] for key in keys_of(label) if key in self.names), None)
 
     def spread_of(self, name: str) -> tuple[float, float]:
-        """Return the spread of a location or alias off the skin and along it, in metres."""
+        """Return the standard deviations of a location in metres: off the skin and along it."""
         place = self.names[name]
         return self.kinds[(self.midline.get(place) or self.sided[place[1:]])["kind"]]
 
     def is_virtual(self, label: str) -> bool:
-        """Return whether a label names a computed point."""
+        """Return whether a label names a point that a program computed, such as a joint centre."""
         return self.place_of(label) is None and self.virtual.fullmatch(_key(_MODEL.sub("", _bare(label)))) is not None
 
 
 def label_key(label: str) -> str:
-    """Reduce a label to its letters and digits, in capitals and without its prefix."""
+    """Reduce a label to its letters and digits, in capitals and without the subject's prefix."""
     return _key(_bare(label))
 
 
 @cache
 def load_layouts(path: Path = DEFAULT) -> LayoutFile:
-    """Read a layouts file.
+    """Read a marker layouts file, by default the built-in one.
 
     Raises:
         FileMissing: the file does not exist.
-        FileDamaged: it is not JSON, or has another format, an ambiguous name, or a location of an unknown kind or rule.
+        FileDamaged: the file is not JSON, has another format or an ambiguous name, or a location has no valid rule.
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
@@ -158,7 +158,7 @@ def _key(bare: str) -> str:
 
 
 def keys_of(label: str) -> Iterator[str]:
-    """Yield the possible keys for a label, each with its side first."""
+    """Yield the keys by which a label may be listed, each with its side first."""
     yield label_key(label)
     if found := _SIDE_LAST.fullmatch(_bare(label)):
         yield (found[2] or found[3])[0] + re.sub(r"[^A-Z0-9]", "", found[1])

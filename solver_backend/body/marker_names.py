@@ -1,4 +1,4 @@
-"""Match the labels in a recording to the markers in a layout."""
+"""Match the marker labels in a recording to locations on the body."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WAIST = ("FWT", "MWT")  # Pelvis locations where the skin moves with the hips.
 
 
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
-    """Resolve ambiguous labels that have only one possible meaning on a labelled limb.
+    """Assign a location to each ambiguous label that has only one possible location on a labelled limb.
 
     ``LateralEpicondyleL`` belongs to the elbow if only arms have markers, or if the knee has another label.
     """
@@ -62,7 +62,7 @@ COUNTED, LAST_VERTEBRA = 8, 12  # Smallest number of numbered names with one ste
 
 @dataclass(frozen=True)
 class LabelContext:
-    """Rules for interpreting the labels in one recording."""
+    """Rules for reading the labels of one recording: side letters, affixes and naming systems."""
 
     file: LayoutFile
     affixes: Affixes  # Prefix and suffix shared by nearly all labels.
@@ -74,7 +74,7 @@ class LabelContext:
     numbered: frozenset[str]  # Names that a program numbered consecutively, ``T1`` to ``T41``. None is a vertebra.
 
     def places_of(self, label: str) -> tuple[str, ...]:
-        """Return the locations that a label names. There are several if it is ambiguous."""
+        """Return the locations that a label may name. There are several if the label is ambiguous."""
         bare = self.affixes.bare(label)
         if bare in self.numbered:
             return ()
@@ -88,11 +88,11 @@ class LabelContext:
         return _by_side(self.file, bare, self.letters)
 
     def is_exact(self, label: str) -> bool:
-        """Return whether a label is a name in the layouts."""
+        """Return whether a label is itself a name in the layouts."""
         return any(key in self.file.names for key in keys_of(self.affixes.bare(label)))
 
     def is_virtual(self, label: str) -> bool:
-        """Return whether a label names a computed point."""
+        """Return whether a label names a point that a program computed, such as a joint centre."""
         bare = self.affixes.bare(label)
         keys = set(keys_of(bare))
         if any(keys & family.virtual for family in self.families):
@@ -101,9 +101,9 @@ class LabelContext:
 
 
 def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
-    """Return the rules for a recording's labels.
+    """Find the rules for reading a recording's labels.
 
-    An affix is used if it more than doubles the number of known names and adds at least ``least``.
+    A prefix or suffix is removed if this more than doubles the number of known names, and adds at least ``least``.
     """
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
     best = _context(bare, file, Affixes())
@@ -126,13 +126,13 @@ def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelCo
 
 
 def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
-    """Return how many names are known with the given side letters. It is 0 unless both sides occur."""
+    """Return how many names are known with the given side letters, or 0 unless both sides occur."""
     sides = Counter(place[0] for name in names for place in _by_side(file, name, letters)[:1])
     return min(sides["L"], sides["R"]) and sides["L"] + sides["R"]
 
 
 def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
-    """Return a name's locations, given by its words or by a listed name with a separate side."""
+    """Return a name's locations by its words, or by a listed name with a separate side."""
     known = file.places_read
     if (name, letters) not in known:
         if len(known) >= MOST_READ:
@@ -155,7 +155,7 @@ def _count(context: LabelContext, labels: Iterable[str]) -> int:
 
 
 def _counted_through(names: Iterable[str]) -> frozenset[str]:
-    """Return names that differ only in a number, if the numbers go beyond any vertebra."""
+    """Return the names in a numbered series, such as ``T1`` to ``T41``, that goes beyond any vertebra."""
     numbers: dict[str, dict[str, int]] = {}
     for name in names:
         if found := _NUMBERED.fullmatch(name):
@@ -165,7 +165,7 @@ def _counted_through(names: Iterable[str]) -> frozenset[str]:
 
 
 def _axes_of(keys: frozenset[str]) -> frozenset[str]:
-    """Return the names of origins and their axes: groups of four names that differ in their last letter."""
+    """Return the names of computed axes and their origins: groups of four names that differ in their last letter."""
     stems = {key[:-1] for key in keys if key.endswith("O")}
     found = [(stem, axes) for stem in stems for axes in _AXES if keys.issuperset(stem + axis for axis in axes)]
     return frozenset(stem + axis for stem, axes in found for axis in axes)
@@ -185,7 +185,7 @@ LEAST_NETWORK_PLACES = 20  # Fewest markers that the labelling network must name
 
 @dataclass(frozen=True)
 class MarkerNames:
-    """What a recording's labels mean."""
+    """Body locations of a recording's labels, and the labels without a location."""
 
     known: dict[str, str]  # Location on the body by label.
     unknown: tuple[str, ...]
@@ -196,24 +196,24 @@ class MarkerNames:
 
 
 def least_markers(places: Collection[str]) -> int:
-    """Return the number of markers needed, which is smaller if all are on one arm or leg."""
+    """Return the number of markers that a solve needs. It is smaller if all are on one arm or leg."""
     return LEAST_LIMB_MARKERS if of_one_limb(places, load_layouts()) else LEAST_MARKERS
 
 
 def is_unnamed(label: str) -> bool:
-    """Return whether a label is a number that a program gave to an unnamed point."""
+    """Return whether a label is only a number or word that a program gives to unnamed points."""
     name = label.rpartition(":")[2].strip()
     return not name or any(_UNNAMED.fullmatch(text) is not None for text in (name, label.strip()))
 
 
 def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyType({})) -> MarkerNames:
-    """Return what labels mean. A listed name wins over other names for the same location.
+    """Find the body locations of a recording's labels. A listed name wins over other names for the same location.
 
-    Labels of a skeleton's joint centres are recognised together, see ``joint_centre_places``.
+    The labels of a skeleton's joint centres are recognised together (see ``joint_centre_places``).
 
     Args:
         own: maps labels to user-defined locations, which always win: a name in the layouts, ``@`` and a bone's joint
-            (several labels may share it), or empty text to exclude the label.
+          (several labels may share it), or empty text to exclude the label.
     """
     found = _named(tuple(labels), tuple(own.items()))
     return replace(found, known=dict(found.known), ambiguous=dict(found.ambiguous))
@@ -221,7 +221,7 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
 
 @lru_cache(maxsize=64)
 def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> MarkerNames:
-    """Return the meaning of labels from a cache. Callers must not modify it."""
+    """Return the cached result of ``name_markers``. Callers must not modify it."""
     own = {**joint_centre_places(labels), **dict(given)}
     file = load_layouts()
     context = context_of(labels, file, LEAST_MARKERS)
@@ -256,11 +256,11 @@ _SEGMENT_LIMBS = dict.fromkeys(("ARM", "UPPERARM", "HUMERUS"), "shoulder") | {"F
 _SEGMENT_LIMBS |= {"THIGH": "hip", "FEMUR": "hip", "SHANK": "knee", "TIBIA": "knee", "FOOT": "ankle"}
 _MIDLINE = {"HEAD": "head", "PELVIS": "pelvis", "SACRUM": "pelvis"}
 _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE", "STYLOID", "ACROMION", "SHOULDER"})
-"""Words for joints. With one of them, a word for a bone does not identify the bone."""
+"""Words for joints. A label that contains one of them does not name a bone, even with a word for a bone."""
 
 
 def named_bone(label: str) -> str | None:
-    """Return the first joint of the bone that a label or subject names, or None."""
+    """Return the first joint of the bone that a label, or its subject prefix, names. Return None if there is none."""
     words = load_layouts().words
     prefix = label.rpartition(":")[0]
     return _bone(bare_label(label), words) or (_bone(prefix, words) if prefix else None)
@@ -283,7 +283,7 @@ _TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}  # Endings
 
 
 def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-    """Locate limb labels that have no side, by where they are relative to the trunk.
+    """Locate limb labels without a side, by the position of their markers relative to the trunk.
 
     Pairs of labels with sides, such as both ASIS, define the sides of the trunk. The result is empty without such a
     pair, if labels state a side, or if there are markers on both sides of the median plane.
@@ -311,7 +311,7 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
 
 
 def _parts(bare: Mapping[str, str]) -> dict[str, str]:
-    """Return each label's location without its side, on the limb that other labels name."""
+    """Return each label's location, without its side, on the limb that other labels name."""
     words, there = load_layouts().words, set(bare.values())
     several: dict[str, tuple[str, ...]] = {}
     for label, name in bare.items():
@@ -331,7 +331,10 @@ def _parts(bare: Mapping[str, str]) -> dict[str, str]:
 
 
 def _to_the_left(cloud: MarkerCloud, pairs: Sequence[tuple[str, str]], labels: Sequence[str]) -> np.ndarray:
-    """Return the median distances in metres of markers to the left of the midpoint between label pairs."""
+    """Return the median distances in metres of markers to the left of the trunk's median plane.
+
+    The plane is given by pairs of a left and a right label.
+    """
     column = {label: i for i, label in enumerate(cloud.labels or ())}
     left, right = (cloud.positions[:, [column[pair[side]] for pair in pairs]].mean(axis=1) for side in (0, 1))
     across = (left - right) / np.maximum(np.linalg.norm(left - right, axis=-1, keepdims=True), 1e-9)

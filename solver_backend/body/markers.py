@@ -26,26 +26,33 @@ MARKER_OFFSET_M = 0.0095  # Distance from a marker's centre to the skin: the rad
 
 
 def marker_layout(name: str) -> tuple[str, ...]:
-    """Return the marker names of a layout. Raise ``KeyError`` if there is no such layout."""
+    """Return the marker names of a layout.
+
+    Raises:
+        KeyError: there is no such layout.
+    """
     return load_layouts().layouts[name]
 
 
 @lru_cache(maxsize=16)
 def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
-    """Return markers by name, 9.5 mm above the skin, with pose correctives.
+    """Place markers by name 9.5 mm above the skin of a body, with pose correctives.
 
     ``@left_knee`` is the joint itself and moves with the bone below it. Joint centres (``=left_knee``) and keypoints
-    (``~left_knee``) are inside the body and move only with the bones. An unknown name raises ``KeyError``. A ray that
-    misses the mesh raises ``BodyInvalid``.
+    (``~left_knee``) are inside the body and move only with the bones.
+
+    Raises:
+        KeyError: a name is unknown.
+        BodyInvalid: a ray misses the mesh.
     """
     inside = any(is_joint_centre(name) for name in names)
     return LandmarkBuilder(body, _rules_of(names, MARKER_OFFSET_M), correctives=not inside).build(names)
 
 
 def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return the (L, 3, 3) precision of locations in 1/m²: ``n nᵀ / s² + (I - n nᵀ) / t²``.
+    """Return the (L, 3, 3) inverse covariances of marker positions in 1/m²: ``n nᵀ / s² + (I - n nᵀ) / t²``.
 
-    n is the skin's normal. The deviations s (off the skin) and t (along it) depend on the kind of location. Bone under
+    n is the skin's normal. The standard deviations s (off the skin) and t (along it) depend on the location. Bone under
     thin skin can be palpated within a centimetre, but the middle of a thigh is not well defined. Raises the errors of
     ``marker_landmarks``.
     """
@@ -56,7 +63,7 @@ def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 
 def skin_normals(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return the (L, 3) outward unit normals of the skin at rest, or 0 for bones."""
+    """Return the (L, 3) outward unit normals of the skin at markers in the rest pose, or 0 for bones."""
     on, off = (
         LandmarkBuilder(body, _rules_of(names, distance)).build(names).anchors.sum(axis=1) for distance in (0.0, 1.0)
     )

@@ -1,4 +1,4 @@
-"""Pose the whole skin, for reports, occlusion and comparisons. Fits use only landmarks."""
+"""Pose the whole skin, for reports, occlusion and comparisons. Solves use only landmarks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def pose_mesh(
     *,
     correctives: bool = True,
 ) -> Float[Array, "frames vertices 3"]:
-    """Return the (F, V, 3) vertices: ``v = sum_b w_b (G_b (x - J_b) + p_b)``.
+    """Pose the skin and return its (F, V, 3) vertices: ``v = sum_b w_b (G_b (x - J_b) + p_b)``.
 
     ``x = v_template + S betas + P flatten(R_j - I)`` (Loper et al. 2015, eqs. 2, 6, 8, 9).
 
@@ -60,7 +60,7 @@ def face_normals(vertices: Float[np.ndarray, "*batch v 3"], faces: Int[np.ndarra
 
 
 def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "t 3"]) -> np.ndarray:
-    """Return the (V, 3) area-weighted sums of the normals around each vertex."""
+    """Return (V, 3) vertex normals: the sums of the surrounding triangles' normals, weighted by area."""
     across, normals = face_normals(vertices, faces), np.zeros_like(vertices)
     for corners in faces.T:
         np.add.at(normals, corners, across)
@@ -68,7 +68,10 @@ def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "t
 
 
 def _skinned(xp: Any, weights: Array, transforms: Array, rest: Array) -> Array:
-    """Return (f, V, 3) skinned points, given (f, J, 3, 4) transforms and (f or 1, V, 3) rest points."""
+    """Return (f, V, 3) skinned points for f frames.
+
+    ``transforms`` are (f, J, 3, 4), and ``rest`` are (f, V, 3), or (1, V, 3) without correctives.
+    """
     blend = xp.matmul(weights, xp.reshape(transforms, (*transforms.shape[:2], 12)))
     blend = xp.reshape(blend, (*blend.shape[:2], 3, 4))
     return xp.sum(blend[..., :3] * rest[..., None, :], axis=-1) + blend[..., 3]

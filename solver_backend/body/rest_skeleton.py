@@ -1,4 +1,4 @@
-"""Define the skeleton used to evaluate priors: an adult of 1.70 m in T-pose."""
+"""Define the skeleton for evaluating pose priors: an adult of 1.70 m in T-pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pose body parts that have no measurements: relaxed, following the trunk and gravity."""
+"""Pose body parts that have no measurements. They are relaxed and follow the trunk and gravity."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ PARTS: dict[str, tuple[str, ...]] = {  # Joints that pose each part.
     **{f"{s}_{limb}": tuple(f"{s}_{j}" for j in joints) for limb, joints in _LIMBS.items() for s in ("left", "right")},
 }
 FLEXION_DEG = {"spine1": 3.0, "spine2": 3.0, "spine3": 4.0, "neck": -4.0, "head": -4.0, "elbow": 25.0, "knee": 6.0}
-"""Forward flexion (backward for knees) of resting joints in degrees, close to the medians in CMU recordings."""
+"""Forward flexion of resting joints in degrees (backward for knees), close to the medians in CMU recordings."""
 ASIDE = {"shoulder": 0.2, "hip": 0.03}  # Outward to downward ratio of a hanging limb, so that an arm clears the hip.
 ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}  # The same ratio along the trunk, for a limb that cannot hang.
 
 
 def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple[str, ...]) -> np.ndarray:
-    """Replace the local rotations of the given parts by those at rest.
+    """Replace the local rotations of the given body parts by a relaxed posture.
 
-    The trunk is upright on the pelvis, the head on the trunk. An upper arm hangs in the direction ``(o, -(max(-g_y, 0)
-    + k), max(g_z, 0))`` in the chest's axes (left, up, front), where g is gravity in these axes and o points outwards.
-    It points down while the trunk leans forward, never through or behind it. Thighs likewise hang from the pelvis.
+    The trunk is upright on the pelvis, and the head on the trunk. In the chest's axes (left, up, front), an upper arm
+    hangs in the direction ``(o, -(max(-g_y, 0) + k), max(g_z, 0))``. g is gravity in these axes, o points outwards, and
+    k is ``ALONG_TRUNK``. The arm points down while the trunk leans forward, and never through or behind the trunk.
+    Thighs hang from the pelvis in the same way.
 
     Args:
         root: (F, 3, 3) body to world, Z up.
@@ -54,7 +55,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
 
 
 def _bend(name: str, joint: str) -> np.ndarray:
-    """Return a joint's rotation vector at rest, about the left axis or (for elbows) the vertical axis."""
+    """Return the rotation vector of a relaxed joint, about the left axis or, for elbows, the vertical axis."""
     angle = np.radians(FLEXION_DEG.get(name, 0.0))
     if name == "elbow":
         return np.array([0.0, -angle if joint.startswith("left") else angle, 0.0])
@@ -62,7 +63,7 @@ def _bend(name: str, joint: str) -> np.ndarray:
 
 
 def _hanging(frame: np.ndarray, name: str, side: float) -> np.ndarray:
-    """Return the (F, 3) unit directions of a hanging limb relative to (F, 3, 3) frames."""
+    """Return the (F, 3) unit directions of a hanging limb in (F, 3, 3) frames of the trunk or pelvis."""
     gravity = -frame[:, 2]
     down = np.maximum(-gravity[:, 1], 0.0) + ALONG_TRUNK[name]
     outwards = side * (ASIDE[name] * down + np.maximum(side * gravity[:, 0], 0.0))

@@ -1,4 +1,4 @@
-"""Find the fingers in another program's skeleton, the hand points, and the finger angles."""
+"""Find the fingers in another program's skeleton, and compute hand points and finger angles."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ MOVES = 0.005  # Smallest finger rotation from rest in radians. Fingers that mov
 
 
 def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
-    """Return the joint for each role in a skeleton that consists only of hands.
+    """Map finger roles to joint names in a skeleton that consists only of hands.
 
-    ``side`` is ``left`` or ``right`` for a single hand whose names do not state a side.
+    ``side`` is ``left`` or ``right`` for a single hand that has no side in its names.
     """
     parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
     skeleton = Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)
@@ -42,7 +42,7 @@ def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
 
 
 def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> Float[np.ndarray, "n 21 3"] | None:
-    """Return a hand's (F, 21, 3) ``HAND_POINTS`` (0 left, 1 right), or None if there is no hand."""
+    """Return the (F, 21, 3) ``HAND_POINTS`` of one hand (0 left, 1 right), or None if the skeleton has no such hand."""
     name = SIDES[side]
     index = {role: motion.names.index(joint) for role, joint in roles.items() if role.startswith(f"{name}_")}
     if not all(f"{name}_{finger}_{_BONES}" in index for finger in _NEEDED) or f"{name}_hand" not in index:
@@ -59,13 +59,13 @@ def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -
 
 
 def finger_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, A) angles (see ``measure_angles``) and (F, 3, 3) palm rotations."""
+    """Measure (F, A) finger angles (see ``measure_angles``) and (F, 3, 3) palm rotations on (F, 21, 3) hand points."""
     with np.errstate(invalid="ignore"):
         return measure_angles(points, side), palm_frames(points, side)[:, 2]
 
 
 def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> bool:
-    """Return whether any finger of a hand ever rotates away from rest."""
+    """Return whether any finger of a hand moves relative to the palm during the take."""
     name = SIDES[side]
     fingers = [f"{name}_{finger}_{k + 1}" for finger in FINGERS for k in range(_BONES)]
     columns = [motion.names.index(roles[role]) for role in fingers if role in roles]
@@ -77,7 +77,7 @@ def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) ->
 
 
 def _tip(motion: SkeletonMotion, bones: list[int]) -> np.ndarray:
-    """Return a finger's (F, 3) tip: the skeleton's joint, or an extrapolation from the rest pose."""
+    """Return the (F, 3) positions of a fingertip: a joint of the skeleton, or an extrapolation from the rest pose."""
     last = bones[-1]
     ends = [j for j, parent in enumerate(motion.parents) if parent == last]
     ends = [j for j in ends if np.linalg.norm(motion.rest[j] - motion.rest[last]) > 0]

@@ -1,4 +1,4 @@
-"""Define the order of the tangent vectors of a pose and of a pose's state."""
+"""Define the order of the unknowns of a pose, and of a pose's state with a prior's code."""
 
 from __future__ import annotations
 
@@ -9,53 +9,54 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 CODE, ROOT, TRANSL, UNCOVERED, RESIDUAL = "code", "root", "transl", "uncovered", "residual"
-"""Blocks of a state: the prior's code, the root's left rotation (world), the translation, rotation vectors of joints
-without a prior, and residual rotation vectors of joints with a prior."""
+"""Blocks of a state: the prior's code, the root's left rotation (world), the translation, the rotation vectors of
+joints without a prior, and residual rotation vectors of joints with a prior.
+"""
 
 
 @dataclass(frozen=True)
 class PoseLayout:
-    """Layout of a pose's tangent: left rotations of root and joints, then translation in m.
+    """Order of a pose's tangent vector: left rotations of the root and the joints, then the translation in metres.
 
-    ``R(δ) = exp([δ]x) R``, ``t(δ) = t + δ``.
+    A tangent δ moves a pose by ``R(δ) = exp([δ]x) R`` and ``t(δ) = t + δ``.
     """
 
     num_joints: int
 
     @property
     def dof(self) -> int:
-        """Length of the tangent."""
+        """Number of entries in a pose's tangent vector."""
         return self.transl.stop
 
     @property
     def root(self) -> slice:
-        """Slice of the root's rotation."""
+        """Tangent entries of the root's rotation."""
         return slice(0, 3)
 
     @property
     def joints(self) -> slice:
-        """Slice of the rotations of all joints after the root."""
+        """Tangent entries of the rotations of all joints after the root."""
         return slice(3, 3 + 3 * self.num_joints)
 
     @property
     def rotations(self) -> slice:
-        """Slice of the rotations of the root and the joints."""
+        """Tangent entries of the rotations of the root and all joints."""
         return slice(0, self.joints.stop)
 
     @property
     def transl(self) -> slice:
-        """Slice of the translation."""
+        """Tangent entries of the translation."""
         return slice(self.joints.stop, self.joints.stop + 3)
 
     def joint(self, column: int) -> slice:
-        """Return the slice for a pose column. Column 0 is the first joint after the root."""
+        """Return the tangent entries of one joint's rotation. Column 0 is the first joint after the root."""
         first = self.joints.start + 3 * column
         return slice(first, first + 3)
 
 
 @dataclass(frozen=True)
 class Block:
-    """Named part of a state's tangent."""
+    """Named group of entries in a state's tangent vector, such as the root's rotation."""
 
     name: str
     size: int
@@ -64,14 +65,14 @@ class Block:
 
 @dataclass(frozen=True)
 class StateLayout:
-    """Layout of the tangent of a key or frame: named blocks, with rotation vectors last."""
+    """Order of the tangent vector of a keyframe or frame: named blocks, with the joints' rotation vectors last."""
 
     blocks: tuple[Block, ...]
 
     @classmethod
     @lru_cache(maxsize=64)
     def of(cls, code_dof: int, num_joints: int, uncovered: tuple[int, ...] = ()) -> StateLayout:
-        """Return the layout of a state with a prior's code.
+        """Return the layout of a state that contains a prior's code.
 
         Args:
             code_dof: dimension of the code manifold.
@@ -86,11 +87,11 @@ class StateLayout:
         return name in self._slices
 
     def __getitem__(self, name: str) -> slice:
-        """Return the slice for a block. Raise ``KeyError`` if there is no such block."""
+        """Return the tangent entries of a block. Raise ``KeyError`` if there is no such block."""
         return self._slices[name]
 
     def only(self, names: Collection[str]) -> StateLayout:
-        """Return the layout of the given blocks, in the order of this layout."""
+        """Return the layout with only the given blocks, in the order of this layout."""
         return StateLayout(tuple(block for block in self.blocks if block.name in names))
 
     def without(self, *names: str) -> StateLayout:
@@ -98,22 +99,22 @@ class StateLayout:
         return StateLayout(tuple(block for block in self.blocks if block.name not in names))
 
     def columns(self, free: Collection[str]) -> np.ndarray:
-        """Return the (n,) columns of the blocks ``free``, in the order of ``only(free)``."""
+        """Return the (n,) indices of the entries of the blocks ``free``, in the order of ``only(free)``."""
         return np.concatenate([np.arange(self.dof)[self[block.name]] for block in self.only(free).blocks])
 
     @cached_property
     def dof(self) -> int:
-        """Length of the tangent."""
+        """Number of entries in the tangent vector."""
         return sum(block.size for block in self.blocks)
 
     @cached_property
     def turned(self) -> tuple[int, ...]:
-        """Pose columns that rotation vectors rotate, in the order of the blocks."""
+        """Pose columns of the joints with rotation vectors, in the order of the blocks."""
         return tuple(joint for block in self.blocks for joint in block.joints)
 
     @property
     def turns(self) -> slice:
-        """Slice of the tangent with the rotation vectors of the joints in ``turned``."""
+        """Tangent entries of the rotation vectors of the joints in ``turned``."""
         return slice(self.dof - 3 * len(self.turned), self.dof)
 
     @cached_property

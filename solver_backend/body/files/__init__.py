@@ -1,1 +1,1 @@
-"""Choose body files of the SMPL family, and read them safely."""
+"""Choose body files of the SMPL family, and read them without running code."""

@@ -1,4 +1,4 @@
-"""Find bodies by name or path, among those in the program and in the user's folder."""
+"""Find body files by name or path, in the program and in the user's folder."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _HANDS = ("hands_meanl", "hands_meanr")
 
 
 def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: bool = True) -> Body:
-    """Read a licensed body model from the user's file. No part of it is copied or stored.
+    """Read a licensed SMPL, SMPL-H or SMPL-X file. The program does not copy or store any part of it.
 
     Args:
-        path: ``.npz``, or the older ``.pkl`` (whose code is not run).
+        path: ``.npz``, or the older ``.pkl`` (its code is not run).
         family: 'SMPL', 'SMPL-H' or 'SMPL-X' to accept only that family.
         flat_hands: False adds the file's relaxed hands (``hands_meanl``, ``hands_meanr``) to every finger pose.
 
@@ -41,7 +41,10 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
 
 
 def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
-    """Return the (r, 3) mean axis-angles of the joints that a solve leaves at rest. Jaw and eyes have none."""
+    """Return the (r, 3) axis-angles of the relaxed fingers for the r joints that a solve leaves at rest.
+
+    They are 0 for the jaw and the eyes.
+    """
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
@@ -68,14 +71,14 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class BodyChoice:
-    """A body that can be chosen by name."""
+    """Body file that the user can choose by name."""
 
     name: str
     path: Path
 
 
 def list_bodies() -> tuple[BodyChoice, ...]:
-    """Return the named bodies: the built-in one first, then the user's in alphabetical order."""
+    """Return the bodies with names: the built-in one, then the files in the user's folder in alphabetical order."""
     folder = bodies_folder()
     files = sorted(path for path in folder.glob("*") if path.suffix.lower() in SUFFIXES) if folder.is_dir() else []
     own = {path.stem: path for path in files if path.stem != SHIPPED}
@@ -83,7 +86,11 @@ def list_bodies() -> tuple[BodyChoice, ...]:
 
 
 def resolve_body(choice: str) -> Path:
-    """Return the file for a body's name or path. Raise ``BodyUnknown`` if there is none."""
+    """Return the file path for a body's name or path.
+
+    Raises:
+        BodyUnknown: there is no such body.
+    """
     if is_path(choice):
         path = Path(os.path.expanduser(choice))
         if not os.path.isfile(path):
@@ -98,7 +105,7 @@ def resolve_body(choice: str) -> Path:
 
 
 def load_chosen_body(choice: str) -> Body:
-    """Read the built-in body or an SMPL, SMPL-H or SMPL-X file, given its name or path.
+    """Read a body by name or path: the built-in body or an SMPL, SMPL-H or SMPL-X file.
 
     Raises the same errors as ``resolve_body``, ``load_body`` and ``load_smpl_file``.
     """

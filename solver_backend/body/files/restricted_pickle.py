@@ -1,4 +1,4 @@
-"""Read pickles without running their code: old SMPL files and network results."""
+"""Read pickles without running their code, for old SMPL files and network results."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _SIMPLE_DTYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|[SU]\d{1,4})")
 
 
 class Damage(ValueError):
-    """Raised if a pickle is inconsistent."""
+    """Error in a pickle that is inconsistent. It becomes an error for the user."""
 
 
 @dataclass(frozen=True)
 class PickledName:
-    """A class or function named in the pickle."""
+    """Class or function that the pickle names but that is never imported."""
 
     module: str
     name: str
@@ -33,13 +33,17 @@ class PickledName:
 
 @dataclass
 class NamedDtype:
-    """An array type, given by name and byte order."""
+    """NumPy array type in a pickle, given by name and byte order."""
 
     spec: str
     order: Literal["<", ">", "=", "|"] = "="
 
     def dtype(self) -> np.dtype:
-        """Return the dtype for plain numbers or text."""
+        """Return the NumPy type, if it is for plain numbers or text.
+
+        Raises:
+            Damage: the type is for objects or structures.
+        """
         if not _SIMPLE_DTYPE.fullmatch(self.spec):
             raise Damage(f"an array has the type {self.spec!r}, but plain numbers are expected")
         dtype = np.dtype(self.spec)
@@ -47,13 +51,17 @@ class NamedDtype:
 
 
 class UnbuiltArray:
-    """An array whose state is not known yet. BUILD sets ``values``."""
+    """Array that the pickle has created but not filled. The operation BUILD sets ``values``."""
 
     values: Any = None
 
 
 def finished(value: Any) -> Any:
-    """Return a finished value as an array. For a dictionary, convert each of its values."""
+    """Replace a filled array, or filled arrays in a dictionary, by NumPy arrays.
+
+    Raises:
+        Damage: an array was never filled.
+    """
     if isinstance(value, UnbuiltArray):
         if value.values is None:
             raise Damage("an array has no values")
@@ -64,7 +72,11 @@ def finished(value: Any) -> Any:
 
 
 def array_of(shape: Any, dtype: Any, by_columns: Any, data: Any) -> np.ndarray:
-    """Create an array of plain numbers from its pickled state after checking consistency."""
+    """Build an array of plain numbers from its pickled state.
+
+    Raises:
+        Damage: the shape, type and bytes do not match, or the type is not plain.
+    """
     if not isinstance(dtype, NamedDtype) or not isinstance(shape, tuple) or len(shape) > MAX_DIMENSIONS:
         raise Damage("an array's state is not valid")
     if not all(isinstance(size, int) and 0 <= size < 2**40 for size in shape):
@@ -123,7 +135,7 @@ _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}  # Number of stack items that 
 
 @dataclass
 class StandIn:
-    """The pickled state of an object whose class is known. Its code is never run."""
+    """Placeholder for a known object, with its pickled state. The object's code is never run."""
 
     kind: str
     state: dict[str, Any] = field(default_factory=dict)
@@ -134,7 +146,7 @@ MAX_OPERATIONS = 2_000_000  # A body model needs thousands. Each takes a microse
 
 @dataclass(frozen=True)
 class Dialect:
-    """Classes that a program's pickles contain in addition to arrays and plain values."""
+    """Additional classes and limits for the pickles of one program."""
 
     calls: dict[str, Callable[..., Any] | None] = field(default_factory=dict)  # Additional functions, see ``CALLS``.
     persistent: Callable[[Any], Any] | None = None  # Resolves a persistent id. None if there are no ids.
@@ -148,7 +160,10 @@ class Dialect:
 
 
 class Machine:
-    """Interpreter for one pickle. Objects of the dotted ``classes`` are replaced by placeholders."""
+    """Interpreter that builds plain values from one pickle.
+
+    Objects of the dotted ``classes`` become placeholders. Any other class or function is refused.
+    """
 
     def __init__(
         self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None
@@ -163,7 +178,7 @@ class Machine:
         self._bytes_left = max(self._dialect.least, ALLOWANCE * size)
 
     def load(self) -> Any:
-        """Return the pickle's content, with placeholders for objects of known classes.
+        """Interpret the pickle and return its content, with placeholders for objects of known classes.
 
         Raises:
             UnsafePickle: the pickle requests an unknown class or function, or has far too many operations.
@@ -240,7 +255,10 @@ class Machine:
         return self._stack[-1]
 
     def _fill(self, values: list[Any]) -> None:
-        """Fill the dictionary on top of the stack. Keys other than text and numbers may be costly to hash."""
+        """Fill the dictionary on top of the stack. Only text, bytes and whole numbers are accepted as keys.
+
+        Other keys may be costly to hash.
+        """
         target = self._top(dict)
         for key, value in zip(values[::2], values[1::2], strict=True):
             if not isinstance(key, str | bytes | int | np.integer):
@@ -273,7 +291,7 @@ class Machine:
             self._stack.append(result)
 
     def _spend(self, content: Any) -> None:
-        """Count the bytes created, because the same text can be converted to arrays repeatedly."""
+        """Count the bytes used for arrays against the limit, because a pickle can reuse the same bytes many times."""
         self._bytes_left -= len(content) if isinstance(content, str | bytes | bytearray) else 0
         if self._bytes_left < 0:
             raise Damage("its arrays would need far more memory than the file size allows")
@@ -305,7 +323,7 @@ _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, Overf
 
 
 def read_pickle(path: Path) -> dict[str, Any]:
-    """Return the arrays, texts and numbers in a pickled body model.
+    """Read the arrays, texts and numbers in a pickled body model.
 
     Raises:
         UnsafePickle: the file requests a class or function other than array constructors.
@@ -332,7 +350,7 @@ def _plain(value: Any) -> Any:
 
 
 def _chumpy(state: dict[str, Any]) -> np.ndarray:
-    """Return the array in a chumpy object: ``x``, or the elements ``idxs`` of ``a``."""
+    """Return the array in a chumpy object: its ``x``, or the elements ``idxs`` of its ``a``."""
     if "x" in state:
         return _member(state, "x")
     if "a" in state and "idxs" in state:
@@ -345,7 +363,7 @@ def _chumpy(state: dict[str, Any]) -> np.ndarray:
 
 
 def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
-    """Convert a SciPy compressed sparse column matrix to a dense one."""
+    """Convert a pickled SciPy compressed sparse column matrix to a dense array."""
     rows, columns = (int(size) for size in state.get("_shape") or state["shape"])
     data, indices, pointers = (_member(state, name) for name in ("data", "indices", "indptr"))
     sound = (
@@ -367,7 +385,7 @@ def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
 
 
 def _member(state: dict[str, Any], name: str) -> np.ndarray:
-    """Return a placeholder's array. Lists are rejected, because nested lists can grow without limit."""
+    """Return an array from a placeholder's state. Lists are rejected, because they can be nested without limit."""
     value = _plain(state[name])
     if not isinstance(value, np.ndarray):
         raise ValueError(f"{name} is a {type(value).__name__}, but an array is expected")
