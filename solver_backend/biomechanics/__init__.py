@@ -1,1 +1,1 @@
-"""Describe motions in the conventions of biomechanics: segments, angles and gait."""
+"""Describe motions as biomechanics does: anatomical segments, joint angles and gait."""

@@ -28,16 +28,16 @@ MEASURES = {
     "time_s": "stride time", "length_m": "stride length", "speed_m_s": "speed", "cadence_per_min": "cadence",
     "stance_percent": "stance",
 }  # fmt: skip
-"""Values that describe a stride, with their names."""
+"""Name of each value that describes a stride."""
 UNITS = {
     "stride time": "s", "stride length": "m", "speed": "m/s", "cadence": "steps/min", "stance": "%",
 }  # fmt: skip
-"""Units of the values, by name."""
+"""Unit of each value, by name."""
 
 
 @dataclass(frozen=True)
 class Stride:
-    """A gait cycle of one foot, from a strike to its next strike."""
+    """A gait cycle of one foot, from a foot strike to the next strike of the same foot."""
 
     side: str
     strike_s: float
@@ -47,47 +47,47 @@ class Stride:
 
     @property
     def time_s(self) -> float:
-        """Duration in seconds."""
+        """Stride time in seconds."""
         return self.next_s - self.strike_s
 
     @property
     def stance_percent(self) -> float:
-        """Percentage of the cycle during which the foot is on the floor."""
+        """Percentage of the stride during which the foot is on the floor."""
         return 100.0 * (self.off_s - self.strike_s) / self.time_s
 
     @property
     def cadence_per_min(self) -> float:
-        """Steps of both feet per minute at the pace of this stride."""
+        """Cadence in steps of both feet per minute, at the pace of this stride."""
         return 120.0 / self.time_s
 
     @property
     def speed_m_s(self) -> float:
-        """Mean speed in metres per second, NaN on a treadmill."""
+        """Mean walking speed in metres per second, NaN on a treadmill."""
         return self.length_m / self.time_s
 
 
 @dataclass(frozen=True)
 class Gait:
-    """The steps in a take, with times in seconds from its first frame."""
+    """Foot strikes, toe-offs and strides in a take, with times in seconds from its first frame."""
 
     strikes: dict[str, np.ndarray]  # By side.
     offs: dict[str, np.ndarray]  # By side.
     strides: tuple[Stride, ...]
 
     def events(self) -> list[tuple[float, str, str]]:
-        """Return the time, side and name of every event in chronological order, named as in C3D files."""
+        """Return the time, side and C3D name of every gait event, in chronological order."""
         named = (("Foot Strike", self.strikes), ("Foot Off", self.offs))
         found = [(float(t), side.title(), name) for name, times in named for side in SIDES for t in times[side]]
         return sorted(found)
 
 
 def find_gait(posed: PosedSegments, cloud: MarkerCloud, flags: np.ndarray | None = None) -> Gait:
-    """Find the steps from the heels and toes in ``open_sim.virtual_markers``.
+    """Find foot strikes, toe-offs and strides from the heels and toes in ``open_sim.virtual_markers``.
 
     A foot leaves the floor when its toes are farthest behind the pelvis (Zeni et al. 2008). It strikes when the heel
     stops falling after its foremost position, or at that position if it glides over the floor. Steps without a forward
-    swing, as in a squat, and strides with a pause are excluded. So are events and strides with interpolated frames
-    (``FLAG_UNSEEN`` in the motion's (F,) flags).
+    swing, as in a squat, and strides with a pause are excluded. Events and strides with interpolated frames are also
+    excluded (``FLAG_UNSEEN`` in the motion's (F,) flags).
     """
     labels, fps = list(cloud.labels or ()), cloud.fps
     forward = posed.rotations["pelvis"][:, :, 0] * (1.0, 0.0, 1.0)
@@ -121,7 +121,7 @@ def _is_seen_whole(stride: Stride, fps: float, flags: np.ndarray | None) -> bool
 
 
 def in_ground(points: np.ndarray) -> np.ndarray:
-    """Convert the (F, 3) points of a cloud from Z up to Y up."""
+    """Convert (F, 3) points from Z up to Y up."""
     return points[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
 
 
@@ -153,14 +153,14 @@ def _events_of_foot(
 
 
 def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
-    """Return the fractional frame after ``first`` in which a heel stops falling, or no frame."""
+    """Return the fractional frame in which the heel stops falling after frame ``first``, or an empty list."""
     part = fall[first : first + int(LANDING_S * fps) + 1]
     landed = np.flatnonzero((part[:-1] < -LANDING_M_S) & (part[1:] >= -LANDING_M_S))
     return [first + int(k) + float((-LANDING_M_S - part[k]) / (part[k + 1] - part[k])) for k in landed[:1]]
 
 
 def _turns(curve: np.ndarray, reach: float) -> list[int]:
-    """Return frame 0 and the extremes between which a curve changes by at least ``reach``."""
+    """Return the turning points of a curve (F,), between which it changes by at least ``reach``, and frame 0."""
     slope = np.diff(curve)
     extremes = np.flatnonzero(slope[1:] * slope[:-1] <= 0.0) + 1
     found, at, rises = [0], 0, None
@@ -177,7 +177,7 @@ def _turns(curve: np.ndarray, reach: float) -> list[int]:
 
 
 def _vertex(curve: np.ndarray, at: int) -> float:
-    """Return where the parabola through three values has its maximum, as an offset from the middle one."""
+    """Return the maximum of the parabola through three neighbouring values, as an offset from the middle frame."""
     before, here, after = curve[at - 1 : at + 2]
     return float(0.5 * (before - after) / min(before - 2.0 * here + after, -1e-12))
 
@@ -185,7 +185,7 @@ def _vertex(curve: np.ndarray, at: int) -> float:
 def _strides(
     side: str, strikes: np.ndarray, offs: np.ndarray, heel: np.ndarray, pelvis: np.ndarray, fps: float
 ) -> list[Stride]:
-    """Return the cycles with exactly one toe-off, given by the foot's swing relative to the pelvis."""
+    """Return the strides with exactly one toe-off. Their length comes from the foot's swing relative to the pelvis."""
     found, frames = [], np.arange(len(heel)) / fps
 
     def way(points: np.ndarray, start: float, end: float) -> float:
@@ -202,10 +202,10 @@ def _strides(
 
 
 def mean_cycles(angles: Angles, gait: Gait, fps: float) -> dict[str, Float[np.ndarray, "points 2"]]:
-    """Return each angle's mean and standard deviation over all cycles, (101, 2) in degrees.
+    """Average each angle over all gait cycles: mean and standard deviation, (101, 2) in degrees.
 
-    Angles on one side are averaged over that side's cycles, and all others over the right foot's. Angles without cycles
-    are omitted.
+    Angles of one side are averaged over this side's cycles, and all others over the right foot's cycles. Angles without
+    cycles are omitted.
     """
     share, times, found = np.linspace(0.0, 1.0, CYCLE_POINTS), np.arange(len(angles.degrees)) / fps, {}
     for k, name in enumerate(angles.names):

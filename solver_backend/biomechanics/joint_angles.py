@@ -1,4 +1,4 @@
-"""Compute joint angles about the axes of adjacent segments, with standard deviations."""
+"""Compute joint angles between adjacent segments, with standard deviations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STEPS = 6  # Newton steps. Angles about oblique axes converge to 1e-12 in four.
 
 
 def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3"]:
-    """Return (F, 3) angles with ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)``.
+    """Split rotations into three successive angles (F, 3) in radians: ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)``.
 
     The orders z-x-y, y-x-y and y-x-z have closed forms. Oblique axes close to z-x-y, such as the ankle's, start from
     that form and use Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)``, with ``J`` from ``axes_in_parent``. The second angle is
@@ -46,9 +46,9 @@ def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarr
 
 
 def axes_in_parent(turns: np.ndarray, axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3 3"]:
-    """Return (F, 3, 3) axes as columns relative to the parent segment, after the preceding rotations.
+    """Return the rotation axes as columns (F, 3, 3) in the parent segment, after the preceding rotations.
 
-    They are the Jacobian of a left-applied rotation vector d w.r.t. the angles: ``d = J dθ``.
+    They are the Jacobian J in ``d = J dθ``, where d is a left-applied rotation vector and θ are the angles.
     """
     first = exp_so3(turns[:, :1] * axes[0])
     second = first @ exp_so3(turns[:, 1:2] * axes[1])
@@ -63,7 +63,7 @@ def _rotation(turns: np.ndarray, axes: Sequence[np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class JointRule:
-    """Rule that derives named angles from a segment's rotation."""
+    """Rule that derives up to three named angles from a segment's rotation relative to its parent."""
 
     names: tuple[str, ...]  # Names of up to three angles, "" for one that is not reported.
     axes: Sequence[np.ndarray] = FLEXION
@@ -92,19 +92,19 @@ JOINT_WORDS = {
 
 @dataclass(frozen=True)
 class Angles:
-    """A joint angles in F frames."""
+    """Joint angles (F, A) in F frames, with standard deviations."""
 
     names: tuple[str, ...]
     degrees: Float[np.ndarray, "frames angles"]
     deviations: Float[np.ndarray, "frames angles"] | None  # Standard deviations in degrees, NaN where unknown.
 
     def column(self, name: str) -> np.ndarray:
-        """Return the angle ``name`` as (F,) degrees."""
+        """Return one joint angle (F,) in degrees."""
         return self.degrees[:, self.names.index(name)]
 
 
 def isb_angles(posed: PosedSegments, covariances: dict[str, np.ndarray] | None = None) -> Angles:
-    """Return the angles of all joints, such as ``left_knee_flexion``.
+    """Compute the ISB joint angles of all segments, with names such as ``left_knee_flexion``.
 
     Args:
         covariances: (F, 3, 3) covariances in rad² of each segment's rotation, in the parent segment's joint frame.
@@ -132,10 +132,11 @@ def turn_deviations(
     segment: str,
     covariances: dict[str, np.ndarray],
 ) -> Float[np.ndarray, "frames 3"]:
-    """Return (F, 3) standard deviations of the angles in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``.
+    """Return (F, 3) standard deviations of joint angles in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``.
 
-    J is ``axes_in_parent``, C the covariance of the left-applied rotation in the parent segment's axes. Near gimbal
-    lock, J is almost singular, and two deviations grow without limit: only their angles' sum is known.
+    J is ``axes_in_parent``, and C is the covariance of the left-applied rotation in the parent segment's axes. Near
+    gimbal lock, J is almost singular. Only the sum of two angles is then known, and their standard deviations grow up
+    to π.
     """
     frame = posed.above[segment]
     C = np.swapaxes(frame, -1, -2) @ covariances[segment] @ frame

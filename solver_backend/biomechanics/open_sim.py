@@ -1,4 +1,4 @@
-"""Write motions for OpenSim: coordinates, virtual markers and setup files."""
+"""Write motions for OpenSim: model coordinates, virtual markers and setup files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ELBOW_AXIS, PRONATION_AXIS = np.array([0.226, 0.022, 0.974]), np.array([0.056, 0
 
 
 def _hinges(first: np.ndarray, other: np.ndarray, *, middle: bool) -> tuple[np.ndarray, ...]:
-    """Return three rotation axes: both hinges, and one perpendicular to them in second or third place."""
+    """Return three rotation axes: the two hinges, and a perpendicular axis in second (``middle``) or third place."""
     a, b = first / np.linalg.norm(first), other / np.linalg.norm(other)
     c = np.cross(b, a) if middle else np.cross(a, b)
     c = c / np.linalg.norm(c)
@@ -61,14 +61,14 @@ HIPS_TO_ORIGIN = (0.364, 0.508, 0.0)
 
 @dataclass(frozen=True)
 class Coordinates:
-    """N coordinates in F frames."""
+    """Values of N OpenSim coordinates in F frames."""
 
     names: tuple[str, ...]
     values: np.ndarray  # (F, N) degrees, metres for the pelvis position, radians for the kneecaps.
 
 
 def coordinates(posed: PosedSegments) -> Coordinates:
-    """Return a motion's coordinates: first the pelvis, then the right side."""
+    """Compute OpenSim coordinates from posed segments. The pelvis comes first, then the right side."""
     posed = replace(posed, rotations=_model_axes(posed))
     hips = [posed.joints[f"{side}_hip"] @ posed.ground.T for side in ("left", "right")]
     apart = np.linalg.norm(hips[1] - hips[0], axis=-1, keepdims=True)
@@ -91,7 +91,7 @@ def coordinates(posed: PosedSegments) -> Coordinates:
 
 
 def _model_axes(posed: PosedSegments) -> dict[str, np.ndarray]:
-    """Return the (F, 3, 3) rotations of the models' axes, by segment."""
+    """Return the (F, 3, 3) rotations of each segment in the axes of the OpenSim models."""
     turned = {"pelvis": _turn(2, PELVIS_PITCH_DEG), "thorax": _turn(2, TORSO_PITCH_DEG)}
     for name, line in LINES.items():
         y = np.array(line) / np.linalg.norm(line)
@@ -111,7 +111,7 @@ def _order(segment: str) -> tuple[int, int]:
 
 
 def mot_text(title: str, found: Coordinates, fps: float) -> str:
-    """Return the text of a motion file (.mot): header, names, and one row per frame."""
+    """Format coordinates as the text of an OpenSim motion file (.mot): header, names, and one row per frame."""
     frames = len(found.values)
     head = [title, "version=1", f"nRows={frames}", f"nColumns={len(found.names) + 1}", "inDegrees=yes", "endheader"]
     times = np.arange(frames) / fps
@@ -129,7 +129,7 @@ PLACES = {"C7": "C7", "CLAV": "CLAV", **{side + name: side + place for side in "
 
 
 def virtual_markers(motion: Motion, body: Body, posed: PosedSegments) -> MarkerCloud:
-    """Return the models' markers on the solved body, in metres with Z up."""
+    """Return the OpenSim models' markers on the solved body, in metres with Z up."""
     places = marker_landmarks(body, tuple(PLACES.values()))
     worn = worn_offsets(motion)
     offsets = np.array([worn.get(place, np.zeros(3)) for place in PLACES.values()])
@@ -174,7 +174,7 @@ MEASUREMENTS: dict[str, tuple[Sequence[str], Sequence[str], str]] = {
 
 
 def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, height_m: float) -> str:
-    """Return the setup for OpenSim's Scale Tool, given the take's markers and a generic model."""
+    """Return the XML setup for OpenSim's Scale Tool, for the take's markers and a generic model."""
     measurements = "".join(
         f'<Measurement name="{key}"><apply>true</apply><MarkerPairSet><objects>'
         + "".join(f"<MarkerPair><markers>{pair}</markers></MarkerPair>" for pair in pairs)
@@ -196,7 +196,7 @@ def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, he
 
 
 def kinematics_setup(name: str, markers: str, labels: Sequence[str], frames: int, fps: float) -> str:
-    """Return the setup for OpenSim's Inverse Kinematics Tool with the scaled model."""
+    """Return the XML setup for OpenSim's Inverse Kinematics Tool with the scaled model."""
     tasks = "".join(
         f'<IKMarkerTask name="{label}"><apply>true</apply><weight>1</weight></IKMarkerTask>\n' for label in labels
     )

@@ -1,4 +1,4 @@
-"""Define the segments' anatomical axes and their rotations relative to their parents."""
+"""Define the anatomical axes of body segments, and their rotations relative to their parents."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def turn_covariance(
 
     ``C = A P Aᵀ + c² I``, where P is the covariance of the pose. A combines the rotations d of the joints between the
     two segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the rotation due to constant errors at both ends of the segment's
-    bone. The axes are those of the parent segment's joint, or of the world for the pelvis. Joints outside the pose add
-    nothing.
+    bone. The axes are those of the parent segment's joint, or the world axes for the pelvis. Joints outside the pose
+    add nothing.
 
     Args:
         local: rotations of joints 1..n.
@@ -80,14 +80,14 @@ def turn_covariance(
 
 
 def _bone(body: Body, joint: int) -> tuple[float, int]:
-    """Return the length in metres and the far end of the longest bone that starts at a joint."""
+    """Return the length in metres and the end joint of the longest bone that starts at a joint."""
     rest = body.joints_template
     lengths = ((float(np.linalg.norm(rest[k] - rest[joint])), k) for k, p in enumerate(body.parents) if p == joint)
     return max(lengths, default=(0.0, joint))
 
 
 def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames segments"]:
-    """Convert (F, J) standard deviations in metres to (F, S) segment rotations in radians."""
+    """Convert the standard deviations of joints (F, J) in metres to rotations of segments (F, S) in radians."""
     recorded, found = list(body.recorded_joints), []
     for _, joint in SEGMENTS.values():
         j = body.layout.joints.index(joint)
@@ -98,7 +98,7 @@ def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames se
 
 
 def segment_turns(body: Body, root: np.ndarray, local: np.ndarray) -> Float[np.ndarray, "frames segments 3 3"]:
-    """Return the (F, S, 3, 3) rotation of each segment relative to its parent."""
+    """Return the (F, S, 3, 3) rotations of the segments relative to their parents."""
     names, found = body.layout.joints, []
     for parent, joint in SEGMENTS.values():
         if parent == "ground":
@@ -125,7 +125,7 @@ _TRUNK_PLACES = (*_PELVIS_PLACES, "C7", "CLAV", "STRN", "T8")
 def anatomical_frames(
     body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]
 ) -> dict[str, Float[np.ndarray, "3 3"]]:
-    """Return each segment's axes in the rest frame as columns: x forward, y up, z right.
+    """Return each segment's anatomical axes in the rest frame as columns: x forward, y up, z right.
 
     - Pelvis: z through the anterior iliac spines, x in the plane with the midpoint of the posterior spines (Wu et al.
       2002, hip).
@@ -135,9 +135,9 @@ def anatomical_frames(
       forearm and hand point to the right at full supination (Wu et al. 2002, hip and ankle, and 2005, 2.3.4 and 2.3.6).
     - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, ankle).
 
-    The standards define these axes by palpated landmarks. Where markers are on these landmarks, the person's positions
-    are used. They change the plane of the pelvis, the thorax, and the centres of knee, ankle and elbow. All other
-    landmarks come from the body model.
+    The standards define these axes by palpated landmarks. If the person wears markers on these landmarks, the marker
+    positions are used for the pelvis, the thorax, and the centres of knee, ankle and elbow. All other landmarks come
+    from the body model.
 
     Args:
         worn: (3,) offset in the rest frame from the body's landmark to the person's, in metres, by location.
@@ -171,7 +171,7 @@ def anatomical_frames(
 
 
 def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
-    """Return the (3,) offset of each marker from its location on the body, in metres.
+    """Return the offset (3,) in metres of each worn marker from its location on the body.
 
     A marker on the sacrum also counts as both posterior iliac spines.
     """
@@ -184,7 +184,7 @@ def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def _centres(body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the rest joints by name. Hinge joints are midway between their landmarks."""
+    """Return the rest positions of the joints by name. Hinge joints are midway between their palpated landmarks."""
     at = dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
     names = tuple(side + place for places in PALPATED.values() for place in places for side in "LR")
     skin = _skin(body, betas, names, {})
@@ -207,7 +207,7 @@ def _skin(
 
 
 def _axes(y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return (3, 3) right-handed axes as columns. y is kept, and z is made perpendicular to it."""
+    """Return right-handed axes as columns (3, 3): y as given, and z in the plane of y and the given z."""
     y = unit(y)
     x = unit(np.cross(y, z))
     return np.stack([x, y, np.cross(x, y)], axis=-1)
@@ -215,7 +215,7 @@ def _axes(y: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PosedSegments:
-    """The segments of a motion with F frames."""
+    """Rotations and joint centres of all segments in F frames."""
 
     rotations: dict[str, np.ndarray]  # (F, 3, 3) each segment's axes relative to the ground, Y up.
     joints: dict[str, np.ndarray]  # (F, 3) metres, joint centres in the world, Z up.
@@ -229,7 +229,7 @@ class PosedSegments:
         return round(float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))))
 
     def relative(self, segment: str) -> np.ndarray:
-        """Return (F, 3, 3) rotations relative to the parent, reflected on the left side."""
+        """Return (F, 3, 3) rotations of a segment relative to its parent. Left segments are reflected."""
         above = SEGMENTS[segment][0]
         turns = self.rotations[segment]
         turns = turns if above == "ground" else np.swapaxes(self.rotations[above], -1, -2) @ turns
@@ -242,10 +242,10 @@ level rest pose: 20 to 34 degrees in four arms (``PiG_Motion-FlatFoot-*``, Biome
 
 
 def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarray:
-    """Return the rotation about the upper arm's y axis that aligns z with the elbow's hinge.
+    """Return the (3, 3) rotation about the upper arm's y axis that aligns z with the elbow's hinge.
 
-    The hinge is perpendicular to both long axes (Wu et al. 2005, 2.3.5). It is averaged, weighted by the sine of the
-    bend.
+    The hinge is perpendicular to both long axes (Wu et al. 2005, 2.3.5). It is the average over the take, weighted by
+    the sine of the bend. If the elbow bends too little, an average angle is assumed.
     """
     normal = np.cross(upper[..., 1], forearm[..., 1])
     bend = np.linalg.norm(normal, axis=-1).mean()
@@ -256,13 +256,13 @@ def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarr
 
 
 def posed_segments(motion: Motion, body: Body) -> PosedSegments:
-    """Return the segments of a motion.
+    """Compute the anatomical segments of a motion.
 
     If all iliac spines have markers, the pelvis is the rigid body that best fits the spines on the posed skin. The bone
     does not bend with the hips as the skin does. In squats, the pelvis joint is 10 degrees off (``squats1``).
 
     Raises:
-        MotionInvalid: the motion is for another body, or its joints are not those of the SMPL family.
+        MotionInvalid: the motion is for another body, or the body does not have the SMPL family's joints.
     """
     motion.require_body(body.id, body.layout.recorded, "motion")
     names = body.layout.joints
@@ -294,7 +294,7 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
 
 
 def without_fingers(motion: Motion, body: Body) -> Motion:
-    """Reduce a motion to the recorded joints of a body. Return it unchanged if it has only these."""
+    """Remove finger joints from a motion, so that it has only the recorded joints of a body."""
     layout = body.layout.recorded
     own, theirs = motion.body_layout.shared_with(layout)
     if motion.body_layout.joints == layout.joints or len(own) < FIRST_FINGER:
@@ -311,7 +311,7 @@ def without_fingers(motion: Motion, body: Body) -> Motion:
 
 
 def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
-    """Return (F, 3, 3) covariances in rad² by segment (NaN at rest), or None if there are none."""
+    """Return (F, 3, 3) covariances in rad² by segment, NaN for segments at rest. None if the motion has none."""
     if motion.turn_covariance is None:
         return None
     found, layout = unpacked(motion.turn_covariance.astype(np.float64)), motion.body_layout
@@ -324,7 +324,7 @@ def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
 
 
 def _quarter_turn(forward: np.ndarray) -> np.ndarray:
-    """Return the 90-degree rotation about the vertical that best aligns a (2,) direction with x.
+    """Return the (3, 3) multiple of a 90-degree rotation about the vertical that best aligns a direction (2,) with x.
 
     OpenSim's inverse kinematics starts facing x, and finds wrong minima for people who face another way.
     """

@@ -1,4 +1,4 @@
-"""Find the body's contacts with the floor, how far it penetrates the floor, and its balance."""
+"""Find the body's floor contacts, its depth in the floor, and its balance."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ AIR_M = 0.1  # A body is in the air if its lowest skin is at least this high abo
 JUMP_S = 1.0  # Longest time in the air, in seconds. A jump of 1 s raises the body by g T² / 8 = 1.2 m, out of reach.
 FLOOR_M = 0.05  # Largest height in metres of the soles above the world's floor. Otherwise the floor is not at z = 0.
 LEVEL = 0.25
-"""Fraction of frames whose lowest skin is below the floor level. The level therefore includes the soles of shoes. With
-the world's floor instead, a person squatting in shoes (nimble, squats1) was in the air for 47 % of the take."""
+"""Fraction of frames in which the lowest skin is below the floor level. The level therefore includes shoe soles. With
+the world's floor instead, a person squatting in shoes (nimble, squats1) was in the air for 47 % of the take.
+"""
 DIRECTIONS = 72  # Number of directions of the support polygon's edges. The distance is at most 0.1 % too large.
 
 
 @dataclass(frozen=True)
 class Support:
-    """Contacts and balance in S frames of a motion."""
+    """Floor contacts and balance in S sampled frames of a motion."""
 
     centre: Float[np.ndarray, "samples 3"]  # Centre of mass of a body of uniform density, metres.
     probability: dict[str, Float[np.ndarray, " samples"]]  # Probability of floor contact, by height and speed.
@@ -40,15 +41,15 @@ class Support:
 
     @property
     def is_floating(self) -> bool:
-        """True if the body stays above the floor for longer than any jump."""
+        """True if the body stays in the air for longer than any jump."""
         return self.longest_flight_s > JUMP_S
 
 
 def find_support(motion: Motion, body: Body) -> Support | None:
-    """Return a motion's contacts and balance, or None if its floor is not at z = 0.
+    """Find a motion's floor contacts and balance, or return None if its floor is not at z = 0.
 
-    The contact probability of a part is ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` for its most likely point, with
-    height z and speed v.
+    The contact probability of a body part is ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` for its most likely point,
+    with height z and speed v. σ and τ are ``SIGMA_M`` and ``SIGMA_M_S``.
     """
     frames = motion.num_frames
     own = np.arange(0, frames, -(-frames // MOST_SAMPLES))
@@ -82,7 +83,7 @@ def find_support(motion: Motion, body: Body) -> Support | None:
 
 
 def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the (S, 3) centroids of the volumes enclosed by surfaces (S, V, 3)."""
+    """Return the (S, 3) centroids of the volumes inside closed meshes (S, V, 3)."""
     found = np.empty((len(skin), 3))
     for k, points in enumerate(skin):
         middle = points.mean(axis=0)
@@ -93,7 +94,7 @@ def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _margin(touching: np.ndarray, centre: np.ndarray) -> float:
-    """Return ``min_u (max_i u·p_i - u·c)``, the signed distance from c to the convex hull of the points."""
+    """Return the signed distance from c to the edge of the points' convex hull: ``min_u (max_i u·p_i - u·c)``."""
     if not len(touching):
         return np.nan
     angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
