@@ -1,1 +1,1 @@
-"""Estimate poses live from points, views and other sources."""
+"""Estimate poses live from markers, camera views and other sources."""

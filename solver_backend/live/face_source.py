@@ -1,4 +1,4 @@
-"""Receive faces from a phone, as packets of Live Link Face (Epic Games) or iFacialMocap.
+"""Receive faces from a phone, as packets from Live Link Face (Epic Games) or iFacialMocap.
 
 Live Link Face sends one big-endian datagram per frame. It contains the version 6 (uint8), the names of device and
 subject (each after its length as int32), the frame number (int32), its fraction (float32), the rate as numerator and
@@ -45,18 +45,22 @@ _SIDE = re.compile(r"_[LR]$")
 
 
 class FacePacketInvalid(ValueError):
-    """A packet is not in the app's format."""
+    """Raised for a packet that is not in the app's format."""
 
 
 class FacePacket(NamedTuple):
-    """A face at one time."""
+    """Content of one face packet."""
 
     channels: dict[str, float]  # Value of each channel, usually 0 to 1. Empty if the app sees no face.
     time: float | None = None  # Seconds on the app's clock, or None if it has no clock.
 
 
 def decode_live_link(packet: bytes) -> FacePacket:
-    """Decode a packet from Live Link Face. Raise ``FacePacketInvalid`` if it is anything else."""
+    """Decode a packet from Live Link Face.
+
+    Raises:
+        FacePacketInvalid: the packet is truncated, or not from this app.
+    """
     if packet[:1] != bytes([VERSION]):
         raise FacePacketInvalid(f"it does not begin with the version {VERSION}")
     at = 1
@@ -85,7 +89,11 @@ def decode_live_link(packet: bytes) -> FacePacket:
 
 
 def decode_ifacialmocap(packet: bytes) -> FacePacket:
-    """Decode a packet from iFacialMocap. Raise ``FacePacketInvalid`` if it is anything else."""
+    """Decode a packet from iFacialMocap or Facemotion3D.
+
+    Raises:
+        FacePacketInvalid: the packet is not a list of names and values.
+    """
     try:
         text = packet.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -104,12 +112,12 @@ def decode_ifacialmocap(packet: bytes) -> FacePacket:
 
 
 REQUEST = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719"
-"""Request that makes the app start sending (ifacialmocap.com/for-developer)."""
+"""Packet that asks the app to start sending (ifacialmocap.com/for-developer)."""
 _DECODERS: dict[str, Callable[[bytes], FacePacket]] = {LIVE_LINK: decode_live_link, IFACIALMOCAP: decode_ifacialmocap}
 
 
 class FaceFrame(NamedTuple):
-    """A face in one frame."""
+    """Face channels in one frame of a live stream."""
 
     time: float  # Seconds since the first frame.
     arrived: float  # ``time.perf_counter()`` on arrival.
@@ -117,7 +125,7 @@ class FaceFrame(NamedTuple):
 
 
 class FaceAssembly(OneSender[FacePacket, FaceFrame]):
-    """Builds frames from the packets of one phone. Late, repeated and invalid packets are dropped."""
+    """Decoder for the packets of one phone. It drops late, repeated and invalid packets."""
 
     words = "Another phone is ignored while the first one sends.", "A packet is not from this app"
 
@@ -135,7 +143,7 @@ class FaceAssembly(OneSender[FacePacket, FaceFrame]):
 
 
 def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:
-    """Return a function that asks iFacialMocap on a phone to start sending."""
+    """Return a callback for ``listen`` that asks iFacialMocap on a phone to start sending."""
 
     def ask(there: socket.socket) -> None:
         with suppress(OSError):
@@ -145,7 +153,7 @@ def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:
 
 
 def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | None = None) -> Iterator[LiveLine]:
-    """Convert the items from ``listen`` to the lines of a live face. Each frame is recorded first."""
+    """Convert face frames and events from ``listen`` to output lines. Each frame is recorded first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):

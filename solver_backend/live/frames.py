@@ -1,4 +1,4 @@
-"""Define the frames of live sources, read points from lines, and drop late frames."""
+"""Define the frames of live sources, read points from text lines, and drop late frames."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LONGEST_LINE = 1 << 17  # Longest line in bytes: 400 points of three numbers th
 
 @dataclass(frozen=True)
 class PointFrame:
-    """The points in one frame."""
+    """Unlabelled points in one frame of a live source."""
 
     time: float  # Seconds on the source's clock.
     points: np.ndarray  # (N, 3) points in the unit and axes of the source.
@@ -34,36 +34,36 @@ class PointFrame:
 
     @property
     def lag_s(self) -> float:
-        """Delay of its pose at this moment, in seconds."""
+        """Delay in seconds if the frame's pose were output now."""
         return time.perf_counter() - (self.arrived if self.due is None else self.due)
 
 
 @dataclass(frozen=True)
 class ViewMoment:
-    """Detections in C cameras at the same time."""
+    """Detections of people in C cameras at the same time."""
 
     fault: ClassVar[str] = ""
     time: float
     arrived: float  # ``time.perf_counter()`` when its last image arrived.
     people: tuple[np.ndarray | None, ...]
-    """(P, K, 3) keypoints of all people in each view: x and y in pixels, and confidence. None if it was skipped."""
+    """(P, K, 3) keypoints of all people in each view: x and y in pixels, and confidence. None for a skipped image."""
     times: tuple[float, ...] = ()  # Time of each view's image in seconds, NaN if it was skipped.
 
     @property
     def lag_s(self) -> float:
-        """Delay of its pose at this moment, in seconds."""
+        """Delay in seconds if the pose were output now."""
         return time.perf_counter() - self.arrived
 
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
-    """Yield the frames of a take, either at the recorded rate or without waiting."""
+    """Play a marker take frame by frame, at the recorded rate (``paced``) or without waiting."""
     for number, due in due_times(len(cloud.positions), cloud.fps, paced=paced, repeat=repeat):
         frame = measured(cloud.positions[number % len(cloud.positions)])
         yield PointFrame(number / cloud.fps, frame, time.perf_counter(), due=due)
 
 
 def due_times(frames: int, fps: float, *, paced: bool, repeat: bool) -> Iterator[tuple[int, float]]:
-    """Yield each frame's number and the ``time.perf_counter()`` at which it is due. Wait only if ``paced``."""
+    """Yield each frame's number and the ``time.perf_counter()`` at which it is due. If ``paced``, wait until then."""
     start = time.perf_counter()
     for number in itertools.count() if repeat and frames else range(frames):
         due = start + number / fps if paced else time.perf_counter()
@@ -73,12 +73,12 @@ def due_times(frames: int, fps: float, *, paced: bool, repeat: bool) -> Iterator
 
 
 def measured(points: np.ndarray) -> np.ndarray:
-    """Return those of the (N, 3) points that can be markers: finite, and within ``FARTHEST``."""
+    """Select the (N, 3) points that can be markers: finite, and within ``FARTHEST``."""
     return points[(np.abs(points) < FARTHEST).all(-1)]
 
 
 def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
-    """Yield one frame per line, which contains JSON or numbers (time, then x y z of each point).
+    """Read one frame per line, which contains JSON, or numbers: the time, then x y z of each point.
 
     Any other line, such as text that is not UTF-8, gives a frame with a fault. Empty lines and events are skipped.
     """
@@ -125,15 +125,18 @@ _LOOK_S = 0.2  # Longest uninterrupted wait in seconds. It ensures that signals 
 
 
 class KeepUp:
-    """Passes frames on as long as they are in time, and counts those it drops."""
+    """Filter that drops late frames until the stream is in time again."""
 
     def __init__(self) -> None:
         self.dropped = 0
-        """Number of dropped frames."""
+        """Number of frames that were dropped."""
         self._behind = False
 
     def in_time(self, frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-        """Yield frames that are in time. Above a delay of ``LATE_S``, drop frames until it is below ``IN_TIME_S``."""
+        """Yield the frames that are in time.
+
+        Above a delay of ``LATE_S``, frames are dropped until the delay is below ``IN_TIME_S``.
+        """
         for frame in frames:
             self._behind = frame.lag_s > (IN_TIME_S if self._behind else LATE_S)
             if self._behind and not frame.fault:
@@ -143,7 +146,7 @@ class KeepUp:
 
 
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-    """Yield the frames of a stream in order. A thread reads each one as it arrives.
+    """Read a stream in a thread, as its frames arrive, and yield them in order.
 
     A frame is due when it arrives or when the sender's clock reaches its time, whichever is later. The lines of a file
     therefore arrive early, and are only late relative to their own clock.

@@ -31,7 +31,9 @@ Ask = Callable[[socket.socket], None]  # Asks a sender through our socket to sta
 def listen(
     address: VmcAddress, assembly: OneSender[Any, Frame], ask: Ask = lambda _: None
 ) -> Generator[Frame | EventLine, None, None]:
-    """Yield frames and events as they arrive. While another program uses the port, wait.
+    """Receive packets on a UDP port, and yield frames and events as they arrive.
+
+    While another program uses the port, wait. ``ask`` may send a request to the sender.
 
     Raises:
         CommandLineInvalid: this machine does not have the address.
@@ -83,7 +85,7 @@ def _received(
 
 
 def _bound(address: VmcAddress) -> socket.socket | None:
-    """Return a listening socket, or None while another program uses the port."""
+    """Open a listening UDP socket, or return None while another program uses the port."""
     there = None
     try:
         family, kind, protocol, _, where = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
@@ -110,21 +112,21 @@ LARGEST_CHANNEL = 10.0  # Upper limit of the values of face channels. They are u
 
 
 def rounded_face(channels: dict[str, float]) -> dict[str, float]:
-    """Round the channel values of a face for output lines."""
+    """Round the values of face channels for output lines."""
     return {name: round(value, 4) for name, value in channels.items()}
 
 
 class OneSender(ABC, Generic[Content, Frame]):
-    """Builds frames from the packets of a single sender in order. Faults are counted by kind."""
+    """Base class that decodes the packets of a single sender to frames, in order. It counts faults by kind."""
 
     words: ClassVar[tuple[str, str]]
-    """Messages that report packets from another sender, and invalid packets."""
+    """Messages for packets from another sender, and for invalid packets."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
-        """Number of faults of each kind."""
+        """Number of faults, by kind."""
         self.news: list[tuple[str, str]] = []
-        """Kind and message of the first fault of each kind. The reader removes them."""
+        """Kind and message of the first fault of each kind. The reader removes them after reporting."""
         self._sender: Any = None
         self._heard = -math.inf
         self._before: float | None = None
@@ -132,7 +134,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         self._meet(None)
 
     def _meet(self, sender: Any) -> None:
-        """Forget the packets of the previous sender, but not the time of its frames."""
+        """Start with a new sender. Its packets are unknown, but the time of the frames continues."""
         self._sender = sender
         self._packets: list[bytes] = []
         self._clock: float | None = None
@@ -146,18 +148,21 @@ class OneSender(ABC, Generic[Content, Frame]):
 
     @abstractmethod
     def _decode(self, packet: bytes) -> Content:
-        """Return the content of a packet. Raise ``ValueError`` if it is invalid."""
+        """Decode a packet. Raise ``ValueError`` if it is invalid."""
 
     @abstractmethod
     def _frames(self, content: Content, packet: bytes, arrived: float) -> Iterator[Frame]:
-        """Yield the frames that a packet completes."""
+        """Yield the frames that a decoded packet completes."""
 
     def _begins(self, content: Content) -> bool:
-        """Return whether a packet is enough to start following its sender."""
+        """Return whether a packet is enough to choose its sender."""
         return True
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
-        """Yield the frames that a packet completes. ``arrived`` is the ``time.perf_counter()`` of its arrival."""
+        """Decode a packet, and yield the frames that it completes.
+
+        ``arrived`` is the ``time.perf_counter()`` of its arrival.
+        """
         second, invalid = self.words
         other = sender != self._sender
         if other and arrived - self._heard < SENDER_GONE_S:  # before decoding, because another sender may never stop
@@ -174,7 +179,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         yield from self._frames(content, packet, arrived)
 
     def is_next(self, packet: bytes, clock: float | None) -> bool:
-        """Return whether a packet is new and, according to its clock, not older than the previous one."""
+        """Return whether a packet is new and not older than the previous one by the sender's clock."""
         if packet in self._packets:
             self.name_once("packet_doubled", "A packet arrived twice.")
             return False
@@ -187,7 +192,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         return True
 
     def pass_time(self, clock: float | None, arrived: float) -> float:
-        """Return the seconds since the first frame, by the sender's clock unless that was reset."""
+        """Return the seconds since the first frame, by the sender's clock unless it was reset."""
         if self._before is not None:
             passed = arrived - self._before
             step = None if clock is None or self._clock_before is None else clock - self._clock_before

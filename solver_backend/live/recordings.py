@@ -1,4 +1,4 @@
-"""Record live runs item by item. Points are saved as C3D, poses as a motion, and faces as a table."""
+"""Record live runs frame by frame: points to C3D, poses to a motion file, and faces to a table."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ _AGAIN = "Record again. The unfinished recording was kept."
 
 
 class RecordingFormat(ABC, Generic[Item]):
-    """Converts items to bytes, and a complete recording to a file."""
+    """Format of a recording: converts frames to bytes, and a complete recording to a file."""
 
     pieces: ClassVar[str]
 
     def head(self) -> bytes:
-        """Return the bytes that precede the first item."""
+        """Return the bytes that precede the first frame."""
         return b""
 
     @abstractmethod
     def encode(self, *args: Item.args, **kwargs: Item.kwargs) -> bytes:
-        """Return the bytes of one item."""
+        """Encode one frame as bytes."""
 
     @abstractmethod
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
@@ -64,9 +64,9 @@ class RecordingFormat(ABC, Generic[Item]):
 
 @final
 class Recorder(Generic[Item]):
-    """Context manager that appends items to ``PATH.recording`` and converts it to ``PATH`` at the end.
+    """Context manager that appends frames to ``PATH.recording`` and converts it to ``PATH`` at the end.
 
-    All items are kept even if the process is killed. The next run that uses the same path completes the recording.
+    All frames are kept even if the process is killed. The next run that uses the same path completes the recording.
     """
 
     def __init__(self, path: Path, form: RecordingFormat[Item], *, overwrite: bool) -> None:
@@ -81,16 +81,16 @@ class Recorder(Generic[Item]):
 
     @property
     def count(self) -> int:
-        """Number of items in the file."""
+        """Number of frames in the recording."""
         return self._file.written
 
     def add(self, *args: Item.args, **kwargs: Item.kwargs) -> None:
-        """Append an item. Items that cannot be written are counted and reported at the end."""
+        """Append a frame. Frames that cannot be written are counted and reported at the end."""
         piece = self._form.encode(*args, **kwargs)
         self._file.append(piece if self._file.written else self._form.head() + piece)
 
     def finish(self) -> None:
-        """Write the file if there are any items, and remove the unfinished recording."""
+        """Write the file if any frame was recorded, and remove the unfinished recording."""
         if self.finished:
             return
         self.finished = True
@@ -108,12 +108,12 @@ class Recorder(Generic[Item]):
 
 
 def recording_of(path: Path) -> Path:
-    """Return the path of the unfinished recording that belongs to a file."""
+    """Return the path of the unfinished recording for an output file."""
     return path.with_name(path.name + SUFFIX)
 
 
 def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
-    """Complete the recording of a run that was killed. Return the new file, or None if there was no recording.
+    """Complete the recording of a run that was killed. Return the new file, or None without a recording.
 
     Raises:
         OutputNotWritable: another process is recording, or the disk is full. The recording is not deleted.
@@ -135,7 +135,7 @@ def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
 
 
 def pack_head(form: str, version: int, **values: object) -> bytes:
-    """Encode the JSON line that precedes the rows of numbers."""
+    """Encode the JSON header line of a recording."""
     return json.dumps({"format": form, "version": version, **values}).encode() + b"\n"
 
 
@@ -147,7 +147,7 @@ def pack_row(*parts: Any) -> bytes:
 def read_rows(
     recording: Path, form: str, version: int, width: Callable[[dict[str, Any]], int]
 ) -> tuple[dict[str, Any], np.ndarray]:
-    """Read the head and the (N, width) rows of a recording. A truncated last row is skipped.
+    """Read the header and the (N, width) rows of a recording. A truncated last row is skipped.
 
     Raises:
         FileDamaged: the recording has a different format, version or body.
@@ -182,19 +182,19 @@ _GAP_S = 0.1  # Frames further than this (seconds) from a received pose are mark
 
 @dataclass(frozen=True)
 class PointsRecording(RecordingFormat[[PointFrame]]):
-    """Records live points. Marker readers can also open the unfinished file (see ``live_recording``)."""
+    """Recording of live points. Marker readers can also open the unfinished file (see ``live_recording``)."""
 
     pieces: ClassVar[str] = "frames"
     fps: float | None = None  # Nominal rate, or None if there is none.
     world: Callable[[], np.ndarray | None] = lambda: None
-    """Returns the (3, 3) matrix that converts the points to metres with Z up, or None while it is unknown."""
+    """Function that returns the (3, 3) matrix from the points to metres with Z up, or None while it is unknown."""
 
     def encode(self, frame: PointFrame) -> bytes:
-        """Return the block of one frame."""
+        """Encode the points of one frame."""
         return pack_block(LiveBlock(frame.time, frame.points, self.fps, self.world()))
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a C3D file. If the world is unknown, points keep their coordinates."""
+        """Write a C3D file. Points keep their coordinates if unit and up axis were never found."""
         with recording.open("rb") as stream:
             extent = measure_recording(stream)
             world = self.world()
@@ -217,7 +217,7 @@ class PointsRecording(RecordingFormat[[PointFrame]]):
 
 
 def record_points(frames: Iterable[PointFrame], recorder: PointRecorder) -> Iterator[PointFrame]:
-    """Record frames and yield them unchanged."""
+    """Record the frames of a stream, and yield them unchanged. Frames with a fault are not recorded."""
     for frame in frames:
         if not frame.fault:
             recorder.add(frame)
@@ -226,17 +226,17 @@ def record_points(frames: Iterable[PointFrame], recorder: PointRecorder) -> Iter
 
 @dataclass
 class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
-    """Records the live poses of one sender."""
+    """Recording of the live poses of one sender."""
 
     pieces: ClassVar[str] = "poses"
     source: str = ""
     person: Callable[[], tuple[Body, np.ndarray]] = lambda: (load_body(), np.zeros(10))
-    """Returns the body and its (10,) shape. It is called when the first pose arrives."""
+    """Function that returns the body and its (10,) shape. It is called at the first pose."""
     _last: float | None = field(default=None, init=False)
     _cut: float = field(default=0.0, init=False)
 
     def head(self) -> bytes:
-        """Return the header line, which describes the body and its shape."""
+        """Return the header line with the body and its shape."""
         body, betas = self.person()
         return pack_head(_POSES, _VERSION, body=body.id, betas=np.asarray(betas).tolist(), source=self.source)
 
@@ -251,7 +251,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
         return pack_row([time - self._cut], transl, turns)
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a motion with a constant rate (see ``RecordingFormat``)."""
+        """Write a motion file with a constant frame rate (see ``RecordingFormat``)."""
         head, rows = read_rows(recording, _POSES, _VERSION, lambda _: _ROW)
         if len(rows):
             with np.errstate(invalid="ignore"):  # a damaged row can contain any bytes
@@ -274,7 +274,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
 
 
 def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
-    """Return the rows whose time in seconds (first column) increases.
+    """Select the rows with increasing times in seconds, which are in the first column.
 
     If a clock was set back, rows are omitted until it catches up.
 
@@ -294,7 +294,7 @@ def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
-    """Interpolate recorded poses along great arcs to a motion at (F,) regular times.
+    """Interpolate recorded poses to a motion at (F,) regular times. Rotations follow great arcs.
 
     Each of the (N, 4 + 3 J) rows contains the time in seconds, the translation and the rotation vectors of a pose.
     """
@@ -316,13 +316,13 @@ def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray,
 
 
 def even_times(times: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the frame rate of (N,) increasing times in seconds, and (F,) regular times over the same range."""
+    """Return the frame rate of (N,) recorded times in seconds, and (F,) regular times over the same range."""
     fps = rate_of(times)
     return fps, times[0] + np.arange(round((times[-1] - times[0]) * fps) + 1) / fps
 
 
 def rate_of(times: np.ndarray) -> float:
-    """Return the frame rate of (F,) times in seconds, with jitter and gaps: a common rate or a whole number."""
+    """Estimate the frame rate of (F,) times with jitter and gaps: a common rate if one is near, or a whole number."""
     if len(times) < 2:
         return 60.0
     apart = np.diff(times)
@@ -335,7 +335,7 @@ def rate_of(times: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
-    """Records the channels of a live face.
+    """Recording of the channels of a live face.
 
     The table has a ``time`` column in seconds and one column per channel. Missing channels keep their last values.
     """
@@ -343,11 +343,11 @@ class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
     pieces: ClassVar[str] = "frames"
 
     def encode(self, time: float, channels: dict[str, float]) -> bytes:
-        """Encode a frame as a line: its seconds, and the value of each channel."""
+        """Encode a frame as a JSON line with its time in seconds and the value of each channel."""
         return json.dumps([round(time, 6), channels]).encode() + b"\n"
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write the table (see ``RecordingFormat``)."""
+        """Write the table of channels (see ``RecordingFormat``)."""
         frames: list[tuple[float, dict[str, float]]] = []
         try:
             for line in recording.read_bytes().splitlines(keepends=True):

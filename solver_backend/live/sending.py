@@ -1,4 +1,4 @@
-"""Send live poses by the VMC protocol or as JSON, and replay finished motions."""
+"""Send live poses by the VMC protocol or as JSON, and replay solved motions."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from solver_backend.live.frames import LATE_S, due_times
 from solver_backend.types import Motion
 
 Proportions = Callable[[], tuple[BodyLayout, np.ndarray]]
-"""Returns the layout and the (J, 3) rest joints of the body as currently known."""
+"""Function that returns the layout and the (J, 3) rest joints of the body, as currently known."""
 
 
 class PoseSender:
-    """Sends the poses contained in live lines. To be used as a context manager.
+    """Context manager that sends the poses of live output lines to another program.
 
-    It asks for the proportions before the first pose, and again when the shape or the fingers become known.
+    It asks for the body's proportions before the first pose, and again when the shape or the fingers become known.
     """
 
     def __init__(self, address: VmcAddress, proportions: Proportions) -> None:
@@ -36,7 +36,11 @@ class PoseSender:
         self._packets = PacketSender(address)
 
     def watched(self, lines: Iterable[LiveLine]) -> Iterator[LiveLine]:
-        """Send the poses in the lines, then yield the lines. Raise MotionInvalid if the body is not supported."""
+        """Send the pose in each line, then yield the line.
+
+        Raises:
+            MotionInvalid: the body is not supported.
+        """
         for line in lines:
             if "event" in line:
                 if line["event"] in ("shape", "fingers"):
@@ -57,14 +61,14 @@ class PoseSender:
         return self._packets.send(self._bundle.encode(self._time(line["t"]), rotvec, np.array(line["trans"])))
 
     def _time(self, t: float) -> float:
-        """Return a time that never decreases, because receivers would discard the pose as outdated."""
+        """Return a time that never decreases, because receivers would discard a pose that looks outdated."""
         if math.isnan(self._clock) or t < self._clock:
             self._shift += (0.0 if math.isnan(self._clock) else self._clock) - t
         self._clock = t
         return t + self._shift
 
     def summary(self) -> dict[str, object]:
-        """Return the address and the numbers of sent and refused bundles."""
+        """Return the address, and the numbers of sent and refused packets."""
         return {"sent_to": str(self._packets.address), "sent": self._packets.sent, "refused": self._packets.refused}
 
     def __enter__(self) -> PoseSender:
@@ -75,16 +79,19 @@ class PoseSender:
 
 
 def pose_values(rotvec: np.ndarray, transl: np.ndarray) -> PoseValues:
-    """Convert (J, 3) rotation vectors and (3,) metres to a line's values, rounded to 1 µrad and 1 µm."""
+    """Convert a pose to the values of an output line, rounded to 1 µrad and 1 µm.
+
+    ``rotvec`` are (J, 3) rotation vectors, and ``transl`` (3,) is in metres.
+    """
     root, pose, trans = (np.round(part, 6).ravel().tolist() for part in (rotvec[0], rotvec[1:], transl))
     return {"root": root, "pose": pose, "trans": trans}
 
 
 def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[FrameLine]:
-    """For each frame of a motion, yield a line that contains all joints.
+    """Play a motion: yield an output line with all joints for each frame.
 
     ``paced``: play at the motion's rate, and skip frames that are late by more than ``LATE_S``. ``repeat``: play in a
-    loop, in which time continues to increase.
+    loop, with times that continue to increase.
     """
     vectors = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
     for number, due in due_times(motion.num_frames, motion.fps, paced=paced, repeat=repeat):
@@ -95,6 +102,6 @@ def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) 
 
 
 def rest_joints(motion: Motion) -> np.ndarray:
-    """Return the (J, 3) rest joints of a motion's body, based on the first frame."""
+    """Compute the (J, 3) rest joints of a motion's body from the pose in its first frame."""
     rotvec = np.concatenate([motion.global_orient[0], motion.body_pose[0]]).reshape(-1, 3)
     return unpose(motion.body_layout.parents, rotvec, motion.joints[0], motion.transl[0])

@@ -1,4 +1,4 @@
-"""Run a live session for one person: the loop of lines, events and statistics, and the fit to points."""
+"""Run a live session for one person: fit each frame to points, and output lines, events and statistics."""
 
 from __future__ import annotations
 
@@ -36,32 +36,35 @@ Fit = TypeVar("Fit", bound=PersonFollower)
 
 
 class SessionLoop(ABC, Generic[Shown, Fit]):
-    """Runs a live session for one person: clock, restarts, lines and events. Subclasses fit each moment."""
+    """Base class of a live session for one person. It manages clock, restarts, output lines and events.
+
+    Subclasses fit the body to each moment, which is a frame of points or the detections of all views.
+    """
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
         self._before: float | None = None
         self._number, self._shape_reported = 0, False
         self.shown: np.ndarray | None = None
-        """(N, 3) points of the last fitted moment in metres, Z up."""
+        """(N, 3) points that the last pose was fitted to, in metres, Z up."""
         self.shown_off_m = np.zeros(0)
-        """(N,) distance of each point from the body in metres, or NaN if it does not belong to the body."""
+        """(N,) distance of each of these points from the body in metres, or NaN for a point off the body."""
 
     @abstractmethod
     def _lines(self, moment: Shown, dt: float) -> Iterator[LiveLine]:
-        """Yield events, then a pose or the reason why there is none. ``dt`` is the time step in seconds."""
+        """Yield events, then a line with the pose or the reason why there is none. ``dt`` is the time step in s."""
 
     @abstractmethod
     def _reset(self) -> None:
-        """Forget the pose."""
+        """Forget the pose, so that the next moment starts without one."""
 
     def proportions(self) -> tuple[BodyLayout, np.ndarray]:
-        """Return the layout and the (J, 3) rest joints of the person, as currently known."""
+        """Return the body layout and the (J, 3) rest joints of the person, as currently known."""
         subject = self.fit.subject
         return subject.body.layout, subject.body.rest_joints(subject.betas)
 
     def run(self, moments: Iterable[Shown | EventLine]) -> Iterator[LiveLine]:
-        """Yield one line per moment, and events. If a moment cannot be fitted, the pose restarts."""
+        """Yield one output line per moment, and events. If a moment cannot be fitted, the pose restarts."""
         for moment in moments:
             if isinstance(moment, dict):
                 yield moment
@@ -74,7 +77,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
                 yield event("restarted", message, moment.time)
 
     def step(self, moment: Shown) -> Iterator[LiveLine]:
-        """Yield events, then a pose or the reason why there is none."""
+        """Fit one moment. Yield events, then a line with the pose or the reason why there is none."""
         if moment.fault:
             yield event("line_ignored", moment.fault, moment.time)
             return
@@ -102,23 +105,23 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
 
 
 def pose_of(frame: PosedFrames) -> PoseValues:
-    """Convert a pose to a line's values."""
+    """Convert a pose to the values of an output line."""
     root, pose = log_so3(frame.root)[0], log_so3(frame.local)[0].ravel()
     return {"root": rounded(root), "pose": rounded(pose), "trans": rounded(frame.transl[0])}
 
 
 def event(kind: str, message: str, time_s: float) -> EventLine:
-    """Return a line that reports an event."""
+    """Build an output line that reports an event."""
     return event_line(kind, message, None if math.isnan(time_s) else round(time_s, 6))
 
 
 def rounded(values: np.ndarray) -> list[float]:
-    """Round numbers for a line, to 10 µm or µrad."""
+    """Round numbers for an output line, to 10 µm or 10 µrad."""
     return np.round(values, 5).tolist()
 
 
 def millimetres(values_m: np.ndarray) -> list[float | None]:
-    """Convert metres to millimetres for a line. NaN becomes None."""
+    """Convert metres to millimetres for an output line. NaN becomes None."""
     return [round(1e3 * value, 1) if math.isfinite(value) else None for value in values_m.tolist()]
 
 
@@ -130,7 +133,7 @@ _KEYPOINT_PARTS = {"arm": "shoulder elbow wrist", "leg": "hip knee ankle heel bi
 
 
 def _limbs_of(names: Sequence[str], parts: Mapping[str, str], sides: Mapping[str, str]) -> dict[str, list[int]]:
-    """Find the indices of each limb among names, given its parts and the prefix of each side."""
+    """Return the rows of each limb's names, given the names of its parts and the prefix of each side."""
     return {
         f"{side} {limb}": [row for row, name in enumerate(names) if name in {f"{prefix}{p}" for p in words.split()}]
         for limb, words in parts.items()
@@ -142,10 +145,10 @@ _LIMBS = _limbs_of(MARKERS, _PARTS, {"left": "L", "right": "R"})
 
 
 def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]] = _LIMBS) -> str:
-    """Return the reasons why a pose is unsure, including numbers, or an empty string.
+    """Return a text with the reasons why a pose is unsure, or an empty string.
 
     ``off_m`` (L,) are the distances from the markers or keypoints to the body in metres, NaN where missing. ``limbs``
-    contains the indices of each limb. By default, these refer to the 53 markers.
+    contains the indices of each limb, by default among the 53 markers.
     """
     seen = {limb: off_m[rows][np.isfinite(off_m[rows])] for limb, rows in limbs.items()}
     medians = {limb: float(np.median(off)) for limb, off in seen.items() if len(off) >= _FEWEST}
@@ -156,12 +159,12 @@ def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]
 
 
 def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
-    """Return the indices of each limb among the keypoints of a detector."""
+    """Return the indices of each limb among a detector's keypoint names."""
     return _limbs_of(names, _KEYPOINT_PARTS, {"left": "left_", "right": "right_"})
 
 
 def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
-    """Add ``cloud`` and ``cloud_off_mm`` to a line. If it has a pose, also add ``sigma_mm``."""
+    """Add the fitted points to a line as ``cloud`` and ``cloud_off_mm``, and to a pose also ``sigma_mm``."""
     if session.shown is None:
         return line
     line = {**line, "cloud": session.shown.round(4).tolist(), "cloud_off_mm": millimetres(session.shown_off_m)}
@@ -175,7 +178,7 @@ RATE_S = 1.0  # Length in seconds of the time window in which the rate is measur
 
 
 class LiveStatistics:
-    """Counts the lines of a run, using constant memory."""
+    """Statistics of a live run. They use constant memory."""
 
     def __init__(self) -> None:
         self.states: Counter[str] = Counter()
@@ -185,7 +188,7 @@ class LiveStatistics:
         self._recent: deque[float] = deque(maxlen=KEPT)
 
     def add(self, line: LiveLine) -> None:
-        """Add a line to the counts."""
+        """Add an output line to the statistics."""
         if "event" in line:
             self.events[str(line["event"])] += 1
             return
@@ -197,7 +200,7 @@ class LiveStatistics:
 
     @property
     def rate_hz(self) -> float:
-        """Number of poses during the last second."""
+        """Number of poses per second, measured over the last second."""
         while self._recent and self._recent[0] < time.monotonic() - RATE_S:
             self._recent.popleft()
         if len(self._recent) < 2:
@@ -205,7 +208,7 @@ class LiveStatistics:
         return (len(self._recent) - 1) / max(self._recent[-1] - self._recent[0], 1e-6)
 
     def summary(self) -> dict[str, object]:
-        """Return the counts of frames, states and events, and statistics about latency and lag."""
+        """Return the counts of frames, states and events, and the median and 99th percentile of latency and lag."""
         data: dict[str, object] = {"frames": sum(self.states.values())}
         data |= {"states": dict(self.states), "events": dict(self.events)}
         for name, values in (("latency", self.latency_ms), ("lag", self.lag_ms)):
@@ -220,24 +223,26 @@ AXES = ("z", "y", "x", "-y", "-z", "-x")
 _PEOPLE_M = (0.5, 3.5)  # Range of plausible extents of a person's markers in metres.
 _CLEARLY = 0.08  # Smallest increase in certainty that justifies an up axis other than z.
 _UPRIGHT = 0.1
-"""Weight, in the certainty of an up axis, of the evidence that a person is standing (see ``up_axis_of``). In eight
+"""Weight of the evidence that a person is standing, in the certainty of an up axis (see ``up_axis_of``). In eight
 recorded takes, the true axis scores between 0.001 below and 0.21 above the next best one. Along wrong axes, the head is
-at most 0.16 trunk lengths above the pelvis."""
+at most 0.16 trunk lengths above the pelvis.
+"""
 _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in ("head", "pelvis"))
 
 
 def unit_of(points: np.ndarray) -> str | None:
-    """Return the unit in which (N, 3) points have the size of a person, or None."""
+    """Return the unit in which (N, 3) points are as large as a person, or None."""
     centre = np.median(points, axis=0)
     reach = 2.0 * float(np.quantile(np.linalg.norm(points - centre, axis=-1), 0.9))
     return next((unit for unit, metres in UNITS.items() if _PEOPLE_M[0] < reach * metres < _PEOPLE_M[1]), None)
 
 
 def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
-    """Return the up axis for which labels are most certain. It is Z unless another axis is clearly better.
+    """Find the up axis for which marker labels are most certain. It is Z unless another axis is clearly better.
 
-    The score is ``mean p + w max(0, u)``, where p is a point's highest label probability and u is the height of the
-    head above the pelvis in trunk lengths. The network is almost as certain about lying people, so u is needed.
+    The score is ``mean p + w max(0, u)``, where p is a point's highest label probability, w is ``_UPRIGHT``, and u is
+    the height of the head above the pelvis in trunk lengths. The network is almost as certain about lying people, so u
+    is needed.
     """
     sure = {}
     for axis in AXES:
@@ -251,14 +256,14 @@ def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
 
 
 REACH_M, REACH_M_S = 0.03, 2.0
-"""Largest distance from a track's predicted position to a point: constant (m) and per time (m/s). Chosen by hand."""
+"""Largest distance from a track's predicted position to its point: constant (m) and per time (m/s). Chosen by hand."""
 MEMORY_S = 0.7  # Time constant in seconds with which earlier labels fade.
 UNSEEN_S = 0.15  # Longest time in seconds for which a lost point may be absent.
 _FLOOR = -6.0  # Lower limit of a frame's log probability, so that it cannot outweigh a track. Chosen by hand.
 
 
 class PointTracks:
-    """Tracks points from frame to frame."""
+    """Tracks of unlabelled points from frame to frame, with the evidence for their labels."""
 
     def __init__(self) -> None:
         self.position = np.zeros((0, 3))
@@ -271,10 +276,10 @@ class PointTracks:
         self.__init__()
 
     def update(self, points: np.ndarray, log_probability: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N, 54) evidence for each label, combined from this frame's points and their tracks.
+        """Match points to tracks, and return the (N, 54) evidence for each label over the whole track.
 
-        Points are (N, 3) metres, and (N, 54) are the log probabilities of their labels in this frame. It is ``dt``
-        seconds later than the previous one.
+        Points are (N, 3) metres, and (N, 54) are the log probabilities of their labels in this frame. ``dt`` is the
+        time since the previous frame in seconds.
         """
         before = self._matched(points, dt)
         known = before >= 0
@@ -295,7 +300,7 @@ class PointTracks:
         return evidence
 
     def _matched(self, points: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N,) track of each point, -1 for none. A point and its track must be nearest to each other."""
+        """Return the (N,) track of each point, or -1. A point and its track must be nearest to each other."""
         found = np.full(len(points), -1)
         if not len(self.position) or not len(points):
             return found
@@ -319,12 +324,12 @@ _TRIAL_FRAMES = 6  # Number of frames that are fitted as a warm-up. Chosen by ha
 
 
 class LiveSession(SessionLoop[PointFrame, LiveFit]):
-    """Fits one person to points that arrive live."""
+    """Live session that fits one person to unlabelled points."""
 
     def __init__(
         self, network: PointNetwork, fit: LiveFit, *, unit: str | None = None, up_axis: str | None = None
     ) -> None:
-        """Create a session. If the unit or the up axis is None, it is found from the first frames."""
+        """Create a session. If the unit or the up axis is None, the first frames determine it."""
         super().__init__(fit)
         self.network, self.unit, self.up_axis = network, unit, up_axis
         self.tracks = PointTracks()
@@ -336,7 +341,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         """(3, 3) matrix that converts the source's points to metres with Z up. None while it is unknown."""
 
     def warm_up(self) -> None:
-        """Fit several frames of a body at rest and discard the results, so that the first real frame is not late."""
+        """Fit a body at rest several times and discard the results, so that the first real frame is not late."""
         person = self.fit.subject
         trial = LiveSession(self.network, LiveFit(person.body, person.landmarks), unit="m", up_axis="z")
         rest = person.landmarks.anchors.sum(axis=1)[:, [2, 0, 1]]
@@ -402,7 +407,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         self._good = None
 
     def _find_world(self, frame: PointFrame) -> Iterator[LiveLine]:
-        """Determine the unit and the axis as soon as there are enough frames, and report them."""
+        """Find the unit and the up axis when there are enough frames, and report them."""
         unit = self.unit or unit_of(frame.points)
         if unit is None:
             return
@@ -420,7 +425,11 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
 
 
 def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
-    """Return the network and the fit for a person. Raise FileMissing or SubjectInvalid."""
+    """Load the labelling network, and create the fit for a calibrated or an average person.
+
+    Raises:
+        FileMissing, SubjectInvalid: the subject file is missing or invalid.
+    """
     network = load_network()
     if subject is None:
         return network, fit_average_person()

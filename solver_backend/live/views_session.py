@@ -1,4 +1,4 @@
-"""Fit one person to keypoints from several live cameras."""
+"""Fit one person to the keypoints from several live cameras."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FEWEST = 2  # Minimum number of visible keypoints in a pair that can be swapped
 
 
 class ExchangedSides:
-    """Finds limb pairs whose sides were swapped by the detector."""
+    """Correction for limb pairs whose sides the detector swapped."""
 
     def __init__(self, names: Sequence[str]) -> None:
         rows = {name: row for row, name in enumerate(names)}
@@ -42,7 +42,7 @@ class ExchangedSides:
                 self._pairs.append((np.array(own), np.array(other)))
 
     def put_back(self, seen: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, int]:
-        """Correct the sides in one view's (K, 3) keypoints. Return them and the number of corrected pairs.
+        """Correct swapped sides in one view's (K, 3) keypoints. Return the keypoints and the number of corrected pairs.
 
         Keypoints are x, y and confidence, with NaN or a confidence of 0 where missing. ``expected`` contains the (K, 2)
         pixels of the person's last pose, NaN where unknown.
@@ -70,7 +70,7 @@ SAME_PERSON = 0.5  # Largest median distance to the person's detection, relative
 
 
 class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
-    """Fits one person to the views of live cameras."""
+    """Live session that fits one person to the views of several cameras."""
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         world: WorldSettings = WorldSettings(),
         up_axis: str | None = None,
     ) -> None:
-        """Create a session. When the person's world becomes known, the calibrated cameras are moved to it.
+        """Create a session. The cameras move to the person's world as soon as its floor and up axis are known.
 
         ``betas`` (10,) is the shape of a known person. If the calibration has no ``up_axis``, Z or the axis along which
         the person stands points up.
@@ -94,12 +94,12 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         self._may_start_anew = True
         self._sides = ExchangedSides(joint_set.keypoints)
         self.sides_put_back = 0
-        """Number of limb pairs whose sides were corrected."""
+        """Number of limb pairs with corrected sides."""
         self.chosen: tuple[np.ndarray, np.ndarray] | None = None
-        """(C, K, 2) pixels and (C, K) confidence of the person at the last moment."""
+        """(C, K, 2) pixels and (C, K) confidences of the person at the last moment."""
 
     def warm_up(self) -> None:
-        """Fit several moments of a standing body and discard the results, so that the first real moment is not late."""
+        """Fit a standing body several times and discard the results, so that the first real moment is not late."""
         trial = LiveViewsFit(self.fit.subject.body, self.cameras, self.joint_set)
         standing = PosedFrames(UPRIGHT[None], trial.rest, _middle(self.cameras)[None])
         xy = project(self.cameras, pose(trial.subject, standing).points)[:, 0]
@@ -155,9 +155,9 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return self._line(moment, state, doubts, **pose_of(found.pose), **counts)
 
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
-        """Return the person's (C, K, 2) pixels and (C, K) confidence, missing in views that do not show the person.
+        """Return the person's (C, K, 2) pixels and (C, K) confidences, missing in views that do not show the person.
 
-        Swapped sides are only corrected if the views then agree on more keypoints. Otherwise, the pose is wrong.
+        Swapped sides are only corrected if more keypoints then agree between views. Otherwise, the pose is wrong.
         """
         K, count = self.joint_set.num_keypoints, len(self.cameras.names)
         seen = np.full((count, K, 3), np.nan)
@@ -174,7 +174,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return _split(seen)
 
     def _agreement(self, seen: np.ndarray) -> int:
-        """Count the keypoints, given as (C, K, 3), on which two views agree."""
+        """Return the number of (C, K, 3) keypoints on which two views agree."""
         return int(np.isfinite(np.asarray(self.fit.locate(*_split(seen)).points)).all(-1).sum())
 
     def _enter_world(self, moment: ViewMoment) -> Iterator[EventLine]:
@@ -196,13 +196,13 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
 
 
 def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Split (..., 3) keypoints into px and confidence. If one value is missing, both are."""
+    """Split (..., 3) keypoints into pixels and confidences. If one of them is missing, both become missing."""
     there = np.isfinite(seen).all(-1) & (seen[..., 2] > 0)
     return np.where(there[..., None], seen[..., :2], np.nan), np.where(there, np.minimum(seen[..., 2], 1.0), 0.0)
 
 
 def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
-    """Return the detected person nearest to the (K, 2) pixels, or the largest person at the start."""
+    """Return the keypoints of the person nearest to the (K, 2) pixels, or of the largest person at the start."""
     shown, confidence = _split(people)
     known = np.isfinite(shown).all(-1).any(axis=1)
     if not known.any():

@@ -1,4 +1,4 @@
-"""Receive poses by the VMC protocol, and transfer their bones to our body."""
+"""Receive poses by the VMC protocol, and transfer the sender's bones to our body."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
 @dataclass(frozen=True)
 class BoneFrame:
-    """The sender's Unity humanoid at one time."""
+    """Bones and face of the sender's Unity humanoid in one frame."""
 
     time: float  # Seconds since the first frame, on the sender's clock if it has one.
     arrived: float  # ``time.perf_counter()`` when its first packet arrived.
@@ -44,7 +44,7 @@ class BoneFrame:
 
 
 class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
-    """Collects a sender's bones. A frame is complete when all bones have arrived or one repeats."""
+    """Decoder for the bones of one VMC sender. A frame is complete when all bones have arrived, or one repeats."""
 
     words = "Another sender is ignored while the first one sends.", "A packet is not Open Sound Control"
 
@@ -97,7 +97,7 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
         return None if numbers is None else (name, *numbers)
 
     def _numbers(self, message: OscMessage) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the rotation wxyz and position given by seven numbers in a message, or None if they are impossible."""
+        """Return the rotation (wxyz) and position in a message's seven numbers, or None if they are impossible."""
         values = [v for v in message.values[1:8] if isinstance(v, float | int) and not isinstance(v, bool)]
         numbers = np.array(values if len(values) == 7 else [math.nan], np.float64)
         length = float(np.linalg.norm(numbers[3:])) if (np.abs(numbers) < FARTHEST_M).all() else 0.0
@@ -132,10 +132,11 @@ _PULL = 1e-11  # Weight of the mean shape in square metres. It acts where joints
 
 
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
-    """Return the (10,) shape whose T-pose has these (24, 3) joints, or None if the sender uses another body.
+    """Find the (10,) shape of our body for which the T-pose has these joints (24, 3).
 
-    Gauss-Newton steps minimise ``Σ |b_j(β) - b_j|² + λ |β|²``. The sum covers the bones b that the T-pose does not
-    rotate, and the lengths ``|b_j|`` of all others: ``d|b| = b/|b| · db``. Missing joints are NaN.
+    The result is None if the sender uses another body. Gauss-Newton steps minimise ``Σ |b_j(β) - b_j|² + λ |β|²``. The
+    sum covers the bones b that the T-pose does not rotate, and the lengths ``|b_j|`` of all others, with ``d|b| = b/|b|
+    · db``. Missing joints are NaN.
     """
     layout, count = body.layout, len(joints)
     child = np.array([j for j in range(1, count) if np.isfinite(joints[j]).all()])
@@ -163,7 +164,7 @@ _SAME = 0.005  # Largest relative difference in leg length at which the path is 
 
 
 class BonesOnBody:
-    """Transfers a sender's bones to a body whose shape is found from the first frame."""
+    """Transfer of a sender's bones to our body. The first frame determines the body's shape."""
 
     def __init__(self, body: Body, betas: np.ndarray | None = None) -> None:
         self.body, self.betas = body, betas
@@ -176,11 +177,11 @@ class BonesOnBody:
         return self.body, np.zeros(10) if self.betas is None else self.betas
 
     def proportions(self) -> tuple[BodyLayout, np.ndarray]:
-        """Return the layout and the (J, 3) rest joints of the body."""
+        """Return the body's layout and (J, 3) rest joints."""
         return self.body.layout, self.body.rest_joints(self.person()[1])
 
     def pose(self, frame: BoneFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (J, 3) rotation vectors and the (3,) translation for a frame."""
+        """Convert a frame to (J, 3) rotation vectors and a (3,) translation of our body."""
         if self._humanoid is None:
             self._meet(frame)
         if not self._fingers and any(finger in bone for bone in frame.quat for finger in _FINGERS):
@@ -218,7 +219,7 @@ def pose_lines(
     recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
 ) -> Iterator[LiveLine]:
-    """Convert the items from ``listen`` to the lines of a live run. Each frame is recorded first."""
+    """Convert bone frames and events from ``listen`` to output lines. Each frame is recorded first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):
@@ -240,7 +241,7 @@ def pose_lines(
 
 
 def _t_joints(frame: BoneFrame, body: Body) -> np.ndarray:
-    """Return the (24, 3) joints of the sender in T-pose, NaN where missing."""
+    """Return the (24, 3) joints of the sender's body in T-pose, NaN where missing."""
     layout, joints = body.layout, np.full((NUM_JOINTS, 3), np.nan)
     for j, name in enumerate(layout.joints[:NUM_JOINTS]):
         p, place = layout.parents[j], frame.place.get(BONE_OF.get(name, ""))
