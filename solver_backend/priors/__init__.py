@@ -1,1 +1,1 @@
-"""Model plausible poses of the 21 body joints: latent codes, energies and samples."""
+"""Model plausible poses of the 21 body joints with latent codes, energies and samples."""

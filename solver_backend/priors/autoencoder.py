@@ -1,4 +1,4 @@
-"""Encode poses and decode codes with dense layers, in NumPy or torch."""
+"""Encode poses and decode latent codes with dense networks, in NumPy or torch."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LEAK = 0.01  # Slope of LeakyReLU below zero: torch's default, also used in trai
 
 @dataclass(frozen=True)
 class DenseStack:
-    """Dense layers ``W_n a(... a(W_1 x + b_1) ...) + b_n``, optionally with an activation after the last layer."""
+    """Dense network ``W_n a(... a(W_1 x + b_1) ...) + b_n``, optionally with an activation after the last layer."""
 
     weights: tuple[Array, ...]  # (out, in) each.
     biases: tuple[Array, ...]  # (out,) each.
@@ -47,7 +47,7 @@ class DenseStack:
         return (int(self.weights[0].shape[1]), *(int(w.shape[0]) for w in self.weights))
 
     def like(self, x: Array) -> DenseStack:
-        """Convert the stack to the array type, precision and device of ``x``."""
+        """Convert the network to the array type, precision and device of ``x``."""
         weights = tuple(constant(np.asarray(w), x) for w in self.weights)
         biases = tuple(constant(np.asarray(b), x) for b in self.biases)
         return DenseStack(weights, biases, self.activation, self.activate_last)
@@ -56,7 +56,7 @@ class DenseStack:
         return self.activate_last or number < len(self.weights) - 1
 
     def __call__(self, x: Array) -> Array:
-        """Map (N, in) to (N, out)."""
+        """Map inputs (N, in) to outputs (N, out)."""
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = times_transposed(x, weight) + bias
             if self._is_active(number):
@@ -83,9 +83,9 @@ class DenseStack:
         return x, jacobian
 
     def with_vjp(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
-        """Return the output (N, out), and a function that maps its cotangents to the input's.
+        """Return the output (N, out), and a function that maps derivatives w.r.t. the output to ones w.r.t. the input.
 
-        Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one pass costs as much as the forward pass.
+        Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one call costs as much as the forward pass.
         """
         xp = array_namespace(x)
         slopes: list[Array | None] = []
@@ -120,12 +120,12 @@ _BLOCK = 64  # Poses whose Jacobians are computed at a time, so that the layers'
 
 
 def decoded_rotations(decoder: DenseStack, z: Codes) -> Poses:
-    """Decode (N, d) codes to (N, 21, 3, 3) rotations."""
+    """Decode (N, d) codes to the rotations (N, 21, 3, 3) of the body joints."""
     return matrix_from_6d(array_namespace(z).reshape(decoder(z), (z.shape[0], NUM_BODY_JOINTS, 6)))
 
 
 def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-    """Return (N, 21, 3, 3) rotations, and a function that maps their cotangents to (N, d)."""
+    """Decode codes, and return a function from derivatives w.r.t. left tangents to ones w.r.t. codes (N, d)."""
     xp = array_namespace(z)
     flat, flat_vjp = decoder.with_vjp(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))
@@ -146,7 +146,7 @@ def decoded_rotations_with_jacobian(decoder: DenseStack, z: Codes) -> tuple[Pose
 
 
 def reconstruction_energy(rotations: Poses, decoded: Poses, sigma: Float[Array, "joints 3"]) -> Energies:
-    """Return the (N,) mean squared rotations between decoded and given poses."""
+    """Return the (N,) mean squared rotation between given and decoded poses, relative to ``sigma`` (21, 3) in rad."""
     xp = array_namespace(rotations)
     residual = log_so3(xp.matmul(rotations, xp.permute_dims(decoded, (0, 1, 3, 2))))
     scaled = residual / constant(sigma, rotations)
@@ -163,7 +163,7 @@ def _block(decoder: DenseStack, z: Array) -> tuple[Array, Array]:
 
 
 class PoseAutoencoder(AutoencodingPrior):
-    """Prior whose decoder maps codes to the joints' 6D representation by dense layers."""
+    """Pose prior with dense networks. The decoder maps codes to the 6D representation of the joint rotations."""
 
     def __init__(
         self, encoder: DenseStack, decoder: DenseStack, residual_sigma: np.ndarray, metadata: dict[str, Any]
@@ -175,7 +175,7 @@ class PoseAutoencoder(AutoencodingPrior):
 
     @property
     def latent_dim(self) -> int:
-        """Length of a code."""
+        """Number of entries in a code."""
         return self._decoder.widths[0]
 
     @property
@@ -184,36 +184,36 @@ class PoseAutoencoder(AutoencodingPrior):
         return self._encoder.widths, self._decoder.widths
 
     def decode(self, z: Codes) -> Poses:
-        """Decode (N, d) codes to (N, 21, 3, 3) local rotations. Errors: ``check_codes``."""
+        """Decode (N, d) codes to (N, 21, 3, 3) local rotations. Raises the errors of ``check_codes``."""
         return decoded_rotations(self._decoder_for(z), z)
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return R (N, 21, 3, 3) and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``.
+        """Return rotations R (N, 21, 3, 3) and their Jacobian J (N, 21, 3, d): ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``.
 
-        ``J_j = (dω/d6D)(x_j) dx_j/dz`` in forward mode: derivatives of the network and the 6D form w.r.t. the d ambient
-        coordinates of the code. They are not projected to its tangent space.
+        ``J_j = (dω/d6D)(x_j) dx_j/dz`` in forward mode: the derivatives of the network and of the 6D form w.r.t. the d
+        ambient coordinates of the code. They are not projected to the tangent space of the codes.
         """
         return decoded_rotations_with_jacobian(self._decoder_for(z), z)
 
     def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-        """Return ``decode(z)`` and ``v -> J_zᵀ v`` in reverse mode, at the cost of a second forward pass."""
+        """Return ``decode(z)`` and the function ``v -> J_zᵀ v`` in reverse mode, which costs as much as a decoding."""
         return decoded_rotations_with_vjp(self._decoder_for(z), z)
 
     def _encoded(self, features: Array) -> Array:
         return self._stacks(features)[0](features)
 
     def _encoded_rotvecs(self, rotations: Array) -> Array:
-        """Return the encoder's output for (N, 21, 3, 3) poses, which it receives as rotation vectors."""
+        """Return the encoder's output for poses (N, 21, 3, 3), which are passed to it as rotation vectors."""
         check_rotations(rotations)
         features = array_namespace(rotations).reshape(log_so3(rotations), (rotations.shape[0], 3 * NUM_BODY_JOINTS))
         return self._encoded(features)
 
     def _distance_to_reconstruction(self, rotations: Array) -> Array:
-        """Return the (N,) mean squared rotations from reconstructions to poses, in units of ``residual_sigma``."""
+        """Return the (N,) mean squared rotations from reconstructed to given poses, in units of ``residual_sigma``."""
         return reconstruction_energy(rotations, self.reconstruct(rotations), self.residual_sigma)
 
     def decoder_like(self, like: Array) -> DenseStack:
-        """Convert the decoder to the array type, precision and device of ``like``, without checks."""
+        """Convert the decoder to the array type, precision and device of ``like``, without checking codes."""
         return self._stacks(like)[1]
 
     def _decoder_for(self, z: Array) -> DenseStack:
@@ -221,7 +221,7 @@ class PoseAutoencoder(AutoencodingPrior):
         return self.decoder_like(z)
 
     def _stacks(self, like: Array) -> tuple[DenseStack, DenseStack]:
-        """Convert encoder and decoder, once, to the array type, precision and device of ``like``."""
+        """Convert encoder and decoder to the array type, precision and device of ``like``, and cache the result."""
         key = (type(like), str(like.dtype), str(device_of(like)))
         if key not in self._moved:
             self._moved[key] = (self._encoder.like(like), self._decoder.like(like))

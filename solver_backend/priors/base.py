@@ -1,4 +1,4 @@
-"""Define the interface of pose priors."""
+"""Define the interface of all pose priors."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ Poses = Float[Array, "poses joints 3 3"]  # Local rotations of the joints that a
 Codes = Float[Array, "poses d"]
 Energies = Float[Array, " poses"]
 CodeJacobian = Float[Array, "poses joints 3 d"]
-"""Derivatives of the rotations' left tangents w.r.t. the code."""
+"""Derivatives of the joint rotations' left tangents w.r.t. the code."""
 
 ORTHONORMAL_WITHIN = 1e-3  # Largest entry of ``R^T R - I`` allowed for a rotation (float32 files round to 1e-7).
 
 
 class PosePrior(ABC):
-    """A model of plausible poses of joints 1..21, in NumPy or torch."""
+    """Model of plausible local rotations of joints 1..21, in NumPy or torch."""
 
     name: str  # Short name, as used in file names.
     joints: tuple[str, ...] = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
-    """Joint for each column of its poses. By default, all body joints of the SMPL family except root and hands."""
+    """Joint of each column in its poses. By default, all body joints of the SMPL family except root and hands."""
     uncovered: tuple[int, ...] = ()  # Columns of its poses that the prior does not model. They stay at rest.
 
     @property
     @abstractmethod
     def latent_dim(self) -> int:
-        """Length of a code."""
+        """Number of entries in a code."""
 
     @abstractmethod
     def encode(self, rotations: Poses) -> Codes:
@@ -45,10 +45,10 @@ class PosePrior(ABC):
 
     @abstractmethod
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return decoded poses and J (N, 21, 3, d), with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
+        """Return decoded poses and the Jacobian J (N, 21, 3, d): ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
 
     def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-        """Return ``decode(z)`` and ``v -> J_zᵀ v``, which maps (N, 21, 3) cotangents of the left tangents to (N, d)."""
+        """Return decoded poses and the function ``v -> J_zᵀ v`` from left tangents (N, 21, 3) to codes (N, d)."""
         rotations, jacobian = self.decode_with_jacobian(z)
         xp = array_namespace(z)
 
@@ -59,28 +59,28 @@ class PosePrior(ABC):
 
     @abstractmethod
     def energy(self, rotations: Poses) -> Energies:
-        """Return the (N,) implausibility of (N, 21, 3, 3) poses, which is at least zero."""
+        """Return the (N,) implausibility of poses (N, 21, 3, 3). It is at least zero."""
 
     @abstractmethod
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses drawn from the prior, (count, 21, 3, 3). The seed makes them reproducible."""
+        """Draw ``count`` random poses (count, 21, 3, 3) from the prior. The same seed gives the same poses."""
 
 
 class AutoencodingPrior(PosePrior):
     """Pose prior that also estimates the error of its reconstructions."""
 
     residual_sigma: np.ndarray
-    """(21, 3) root mean square in radians of the left rotation from decoded to true poses, for unseen subjects."""
+    """(21, 3) RMS of the left rotations from decoded to true poses, in radians, for unseen subjects."""
     metadata: dict[str, Any]
     """Metadata of the weights: command, data, evaluation and ``sha256``. Empty if there are no weights."""
 
     def reconstruct(self, rotations: Array) -> Array:
-        """Encode and decode (N, 21, 3, 3) poses, and return the result ``G(E(θ))`` (thesis eq. 4.1)."""
+        """Encode and decode (N, 21, 3, 3) poses: ``G(E(θ))`` (thesis eq. 4.1)."""
         return self.decode(self.encode(rotations))
 
 
 def check_rotations(rotations: Array) -> None:
-    """Raise ``PoseInvalid`` unless poses are (N, 21, 3, 3) finite rotations."""
+    """Check that poses are finite rotations (N, 21, 3, 3). Raise ``PoseInvalid`` otherwise."""
     xp = array_namespace(rotations)
     if rotations.ndim != 4 or tuple(rotations.shape[1:]) != (NUM_BODY_JOINTS, 3, 3):
         message = f"Poses must have the shape (N, {NUM_BODY_JOINTS}, 3, 3), not {tuple(rotations.shape)}."
@@ -99,7 +99,7 @@ def check_rotations(rotations: Array) -> None:
 
 
 def check_codes(z: Array, latent_dim: int) -> None:
-    """Raise ``PoseInvalid`` unless codes are (N, d) and finite."""
+    """Check that codes (N, d) are finite. Raise ``PoseInvalid`` otherwise."""
     xp = array_namespace(z)
     if z.ndim != 2 or z.shape[1] != latent_dim:
         raise PoseInvalid(f"Codes must have the shape (N, {latent_dim}), not {tuple(z.shape)}.")
@@ -108,7 +108,7 @@ def check_codes(z: Array, latent_dim: int) -> None:
 
 
 def in_own_columns(blocks: Array) -> Array:
-    """Return the Jacobian (N, 21, 3, 21 k) of joints that each have k parameters of their own."""
+    """Arrange (N, 21, 3, k) derivatives as a Jacobian (N, 21, 3, 21 k) of joints with k parameters each."""
     xp = array_namespace(blocks)
     own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], blocks)
     return xp.reshape(own * blocks[:, :, :, None, :], (*blocks.shape[:3], NUM_BODY_JOINTS * blocks.shape[3]))

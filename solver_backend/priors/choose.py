@@ -1,4 +1,4 @@
-"""Choose a pose prior by name or weight file, and map Gaussian codes to a sphere."""
+"""Load a pose prior by name or from a weights file, and map Gaussian codes to a sphere."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from solver_backend.priors.weights import read_weights
 SPHERICAL, ROBUST = "sposer", "rvposer"
 NAMES = tuple(prior.value for prior in PRIORS[1:])
 LEAST_HEIGHT = 0.05
-"""Smallest last coordinate of a code: Gaussian codes 20 times as long as is typical. Smaller ones are clipped."""
+"""Smallest last coordinate b of a code. It belongs to Gaussian codes 20 times as long as usual. Smaller ones are
+clipped."""
 
 
 class GaussianOnSphere(AutoencodingPrior):
-    """Gaussian prior whose codes are unit vectors of zero mean: ``u = B (z, s) / |(z, s)|`` with ``s = √d``.
+    """Gaussian prior with codes on a sphere: zero-mean unit vectors ``u = B (z, s) / |(z, s)|`` with ``s = √d``.
 
-    B (d + 2, d + 1) spans the vectors of zero mean. The inverse is the central projection ``z = s a / b`` of ``(a, b) =
-    Bᵀ u``. It maps great circles to straight lines, so that SLERP follows the segment between Gaussian codes.
+    B (d + 2, d + 1) spans the vectors of zero mean. The inverse is the central projection ``z = s a / b`` of
+    ``(a, b) = Bᵀ u``. It maps great circles to straight lines, so SLERP follows the segment between Gaussian codes.
     """
 
     def __init__(self, prior: GaussianVAE) -> None:
@@ -39,11 +40,11 @@ class GaussianOnSphere(AutoencodingPrior):
 
     @property
     def latent_dim(self) -> int:
-        """Length of a code, two more than the Gaussian prior's."""
+        """Number of entries in a code, two more than in the Gaussian prior's."""
         return self._prior.latent_dim + 2
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the posterior means, on the sphere."""
+        """Return the posterior means of the codes, mapped to the sphere."""
         z = self._prior.encode(rotations)
         xp = array_namespace(z)
         raised = xp.concat([z, self._scale * xp.ones_like(z[:, :1])], axis=-1)
@@ -51,11 +52,11 @@ class GaussianOnSphere(AutoencodingPrior):
         return xp.matmul(unit, constant(self._basis.T, z))
 
     def decode(self, z: Codes) -> Poses:
-        """Return the poses for the Gaussian codes."""
+        """Map the codes to Gaussian codes, and decode them."""
         return self._prior.decode(self._flat(z)[0])
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return the poses and ``J dz/du`` with ``dz/du = s/b (I, -a/b) Bᵀ``."""
+        """Return decoded poses and the Jacobian ``J dz/du`` with ``dz/du = s/b (I, -a/b) Bᵀ``."""
         xp, (flat, height) = array_namespace(z), self._flat(z)
         rotations, jacobian = self._prior.decode_with_jacobian(flat)
         eye = identity(flat.shape[-1], flat) * xp.ones_like(flat)[:, :, None]
@@ -68,21 +69,21 @@ class GaussianOnSphere(AutoencodingPrior):
         return self._prior.energy(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return samples of the Gaussian prior."""
+        """Draw ``count`` poses from the Gaussian prior."""
         return self._prior.sample(count, seed)
 
     def _flat(self, u: Array) -> tuple[Array, Array]:
-        """Return the (N, d) Gaussian codes, and the (N, 1) last coordinates b."""
+        """Return the (N, d) Gaussian codes of codes u, and their (N, 1) last coordinates b."""
         xp, parts = array_namespace(u), array_namespace(u).matmul(u, constant(self._basis, u))
         height = xp.clip(parts[:, -1:], LEAST_HEIGHT)
         return self._scale * parts[:, :-1] / height, height
 
 
 def load_prior(choice: str = AUTO_PRIOR) -> AutoencodingPrior:
-    """Load a prior whose codes are unit vectors of zero mean, from ``NAMES`` or a file (default SPoser).
+    """Load a prior by name (``NAMES``) or file, with zero-mean unit vectors as codes. The default is SPoser.
 
     Raises:
-        FileMissing, WeightsInvalid: see ``read_weights``.
+        FileMissing, WeightsInvalid, JobInvalid: the file is missing or invalid, or a solve cannot decode the prior.
     """
     found = _load(SPHERICAL if choice == AUTO_PRIOR else choice)
     return GaussianOnSphere(found) if isinstance(found, GaussianVAE) else found

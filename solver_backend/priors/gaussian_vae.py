@@ -21,33 +21,33 @@ VaeName = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm"]
 
 
 class GaussianVAE(PoseAutoencoder):
-    """Autoencoder whose codes in R^32 are standard normal over the training poses."""
+    """Pose autoencoder with codes in R^32 that are standard normal over the training poses."""
 
     def __init__(self, *parts: Any) -> None:
         super().__init__(*parts)
         self.name = self.metadata["prior"]
 
     def posterior(self, rotations: Poses) -> tuple[Codes, Codes]:
-        """Return the (N, 32) means and standard deviations of the codes for (N, 21, 3, 3) poses."""
+        """Return the (N, 32) means and standard deviations of the codes of poses (N, 21, 3, 3)."""
         out = self._encoded_rotvecs(rotations)
         return out[:, :LATENT_DIM], array_namespace(out).exp(0.5 * out[:, LATENT_DIM:])
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the (N, 32) posterior means."""
+        """Return the posterior means (N, 32) of the codes."""
         return self.posterior(rotations)[0]
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return half the squared length of the codes, (N,), which is their negative log density up to a constant."""
+        """Return half the squared length of the codes (N,), which is their negative log density up to a constant."""
         z = self.encode(rotations)
         return 0.5 * array_namespace(z).sum(z * z, axis=-1)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses decoded from standard normal codes."""
+        """Decode ``count`` random codes from the standard normal distribution."""
         return self.decode(np.random.default_rng(seed).standard_normal((count, LATENT_DIM)))
 
 
 def load_vae(name: VaeName, path: Path | str | None = None) -> GaussianVAE:
-    """Load the weights of a variant of VPoser or RVPoser.
+    """Load the weights of VPoser, RVPoser or one of their variants.
 
     Raises:
         FileMissing, WeightsInvalid: see ``read_weights``.

@@ -1,4 +1,4 @@
-"""Model plausible hands by a Gaussian over finger angles and a range for each angle."""
+"""Model plausible hand poses by a Gaussian over finger angles and a range for each angle."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from solver_backend.types.shapes import Float
 
 PRIOR = "hands"  # Name in its weight file.
 LIMIT_SIGMA = float(np.deg2rad(1.0))
-"""Standard deviation beyond a range, in radians. Ranges include differences between people. With 3 degrees,
+"""Standard deviation beyond an angle's range, in radians. Ranges include differences between people. With 3 degrees,
 contradictory detections would bend a joint up to 17 degrees beyond its range (docs/research-log/hands.md)."""
 
 
 @dataclass(frozen=True)
 class HandPrior:
-    """Prior for A angles: a normal distribution and soft limits."""
+    """Prior for the A angles of a hand: a normal distribution and soft limits, in radians."""
 
     mean: Float[np.ndarray, " a"]  # (A,) μ, a relaxed hand.
     covariance: Float[np.ndarray, "a a"]  # (A, A) Σ.
@@ -31,11 +31,11 @@ class HandPrior:
 
     @classmethod
     def of(cls, mean: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.ndarray) -> HandPrior:
-        """Build the prior from these moments and ranges."""
+        """Build the prior from mean, covariance and ranges of the angles."""
         return cls(mean, covariance, low, high, np.linalg.inv(covariance))
 
     def equations(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (n,) costs, (n, A) gradients and (n, A, A) Gauss-Newton matrices for (n, A) angles."""
+        """Return costs (n,), gradients (n, A) and Gauss-Newton matrices (n, A, A) at n sets of angles (n, A)."""
         off = angles - self.mean
         pulled = off @ self.precision
         cost, gradient, stiffness = self.limits(angles)
@@ -43,15 +43,15 @@ class HandPrior:
         return cost + 0.5 * (off * pulled).sum(1), gradient + pulled, matrix
 
     def limits(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (n,) costs, (n, A) gradients and second derivatives for the ranges alone."""
+        """Return the cost (n,) of exceeding the ranges, and its first and second derivatives (n, A)."""
         beyond = np.maximum(angles - self.high, 0.0) + np.minimum(angles - self.low, 0.0)
         stiffness = (beyond != 0) / LIMIT_SIGMA**2
         return 0.5 * (beyond**2 * stiffness).sum(1), beyond * stiffness, stiffness
 
     def completed(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n a"]:
-        """Replace unknown angles (NaN) of (n, A) by their likeliest values within the ranges.
+        """Replace unknown angles (NaN) in (n, A) by their most likely values within the ranges.
 
-        ``a_u = μ_u + Σ_uk Σ_kk⁻¹ (a_k - μ_k)``, in radians.
+        ``a_u = μ_u + Σ_uk Σ_kk⁻¹ (a_k - μ_k)``, where k are the known and u the unknown angles in radians.
         """
         whole, unknown = angles.copy(), np.isnan(angles)
         patterns, which = np.unique(unknown, axis=0, return_inverse=True)
@@ -65,7 +65,7 @@ class HandPrior:
 
 
 def load_hand_prior(path: Path | None = None) -> HandPrior:
-    """Read a hand prior. Without ``path``, read the built-in one.
+    """Read a hand prior, by default the built-in one.
 
     Raises:
         FileMissing, WeightsInvalid: the file is missing or damaged, or is for another prior or other angles.

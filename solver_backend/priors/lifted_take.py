@@ -1,4 +1,4 @@
-"""Lift a single-camera take to poses in camera axes and to positions of a given body."""
+"""Lift the keypoints of one camera to 3D: poses in camera axes, and positions of a given body."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _NEAREST_M = 0.3  # Smallest depth of a person in front of a camera in metres. C
 
 
 def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return (F, 3) shifts t in camera axes that bring points closest to their rays, NaN if there are no points.
+    """Return the shifts t (F, 3) in camera axes that bring points closest to their viewing rays, or NaN without points.
 
     The residuals of ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` are linear in t. Points far from rays lose weight.
 
     Args:
-        points: (F, L, 3) points in camera axes, in metres.
+        points: (F, L, 3) points p in camera axes, in metres.
         image: (F, L, 2) image points x in focal lengths.
         weight: (F, L) weights, 0 for unseen points.
     """
@@ -55,7 +55,7 @@ def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarra
 
 
 def smoothed_places(places: np.ndarray, fps: float) -> np.ndarray:
-    """Average (F, 3) positions over time with a Gaussian. The result is NaN where positions are missing."""
+    """Smooth (F, 3) positions over time with a Gaussian. Missing positions (NaN) remain missing."""
     half = max(1, round(3 * _SMOOTH_S * fps))
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (_SMOOTH_S * fps)) ** 2)
     known = np.isfinite(places).all(axis=1)
@@ -68,7 +68,7 @@ def smoothed_places(places: np.ndarray, fps: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LiftedTake:
-    """Lifted poses and keypoints in F frames of one camera."""
+    """Keypoints of one camera and the poses lifted from them, in F frames."""
 
     view: LiftedView
     z: np.ndarray  # (F, d) codes of the prior.
@@ -79,20 +79,20 @@ class LiftedTake:
 
     @property
     def up(self) -> np.ndarray:
-        """(3,) direction against gravity in camera axes, estimated from all frames that show the person."""
+        """Unit vector (3,) against gravity in camera axes, estimated from all frames that show the person."""
         seen = (self.confidence > 0).sum(axis=1) >= LEAST_POINTS
         up = self.view.up[seen if seen.any() else slice(None)].sum(axis=0)
         return up / max(float(np.linalg.norm(up)), 1e-9)
 
     def placed(self, body: Body, landmarks: Landmarks, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (F, L, 3) points and the positions of a person of this shape, in camera axes."""
+        """Return the (F, L, 3) points and (F, 3) positions of a person of this shape, in camera axes and metres."""
         still = np.zeros((len(self.local), 3))
         points = np.asarray(pose_landmarks(body, landmarks, betas, self.view.root, self.local, still).points)
         places = smoothed_places(place_before_camera(points, self.image, self.confidence), self.fps)
         return points + places[:, None], places
 
     def off_rays(self, body: Body, landmarks: Landmarks) -> np.ndarray:
-        """Return the (F,) mean distances between an average person's points and their rays."""
+        """Return the (F,) mean distances in metres between an average person's points and their viewing rays."""
         points, _ = self.placed(body, landmarks, np.zeros(body.shapedirs.shape[-1]))
         seen = self.confidence > 0
         off = np.linalg.norm(points[..., :2] - np.where(seen[..., None], self.image, 0.0) * points[..., 2:], axis=-1)
@@ -106,7 +106,7 @@ LEAST_POINTS = 6  # Smallest number of keypoints in a frame that shows a person.
 def lift_take(
     camera: Cameras, keypoints: Keypoints2D, body: Body, prior: AutoencodingPrior, up: np.ndarray | None
 ) -> LiftedTake:
-    """Lift one camera's keypoints and their mirror image, and return the mean.
+    """Lift one camera's keypoints to 3D, and average with the result of the mirrored keypoints.
 
     Args:
         camera: a single camera. Only its lens is used.
@@ -130,7 +130,7 @@ BRIDGED_S, BRIDGED_CONFIDENCE = 1.0, 0.3
 
 
 def bridge_gaps(image: np.ndarray, confidence: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate each point across gaps of at most ``longest`` frames.
+    """Interpolate each image point across gaps of at most ``longest`` frames.
 
     Args:
         image: (F, L, 2) points, arbitrary where the confidence (F, L) is 0.
@@ -151,9 +151,9 @@ _SIDEWAYS = np.diag([-1.0, 1.0, 1.0])  # Mirrors points in the body's sagittal p
 def _lifted_twice(
     image: np.ndarray, confidence: np.ndarray, joint_set: JointSet, fps: float, up: np.ndarray | None
 ) -> LiftedView:
-    """Return the mean of the lifted view and its lifted mirror image, whose errors are partly independent.
+    """Lift a view and its mirror image, and return the mean, because their errors are partly independent.
 
-    If the two face in opposite directions in a frame, the view alone is used, because their mean would face sideways.
+    If the two people face opposite directions in a frame, the mean would face sideways. The view alone is then used.
     """
     lifter, sposer, columns = load_view_lifter(), load_sposer(), list(joint_set.mirrored(image.shape[1]))
     image, confidence = bridge_gaps(image, confidence, round(BRIDGED_S * fps))
@@ -190,7 +190,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) -> float | None:
-    """Return the height in metres of the lower standing sole, or None if no foot is visible.
+    """Return the height in metres of the lower sole while it stands, or None if no foot is visible.
 
     It is the percentile ``STANDING_PERCENT``, which is low because dancers and jumpers rarely stand.
     """
@@ -199,7 +199,7 @@ def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) ->
 
 
 def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the (n, 3) lower sole of each frame in metres, as measured along ``up`` (3,)."""
+    """Return the lower sole (n, 3) of each frame with a visible foot, in metres. ``up`` (3,) defines the height."""
     frames, column = _lower(points, names, seen, up)
     drop = np.array([_FEET.get(name, 0.0) for name in names])
     return points[frames, column] - drop[column, None] * up
@@ -208,7 +208,7 @@ def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up
 def _lower(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (n,) frames with a visible foot, and the (n,) points with the lowest sole in these frames."""
+    """Return the n frames with a visible foot, and the index of the foot point with the lowest sole in each."""
     columns = np.array([k for k, name in enumerate(names) if name in _FEET], dtype=int)
     if not len(columns):
         return columns, columns
@@ -221,7 +221,7 @@ def _lower(
 def up_by_floor(
     take: LiftedTake, points: np.ndarray, names: tuple[str, ...], expected: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the lifter's (3,) up direction in camera axes, tilted so that feet come closer to one height.
+    """Tilt the lifter's up direction (3,) in camera axes so that the feet come closer to one height.
 
     The tilt is the minimum ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, where h are the heights of
     N lower soles, of which n are independent. ``points`` (F, L, 3) are in camera axes, or in other axes if ``expected``

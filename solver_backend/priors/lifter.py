@@ -1,4 +1,4 @@
-"""Estimate the start of a fit from a frame's 3D points with a small network, the lifter."""
+"""Estimate the initial pose of a solve from a frame's 3D keypoints with a small network, the lifter."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SMALLEST_M = 1e-3  # Smallest trunk width in metres for which the front is know
 
 @dataclass(frozen=True)
 class Lifted:
-    """Network results for F frames, valid only where ``usable``."""
+    """Initial poses that the network estimates in F frames, valid only where ``usable``."""
 
     z: Array  # (F, 32) unit zero-mean codes of SPoser.
     root: Array  # (F, 3, 3) body to world.
@@ -41,7 +41,7 @@ class Lifted:
 
 @dataclass(frozen=True)
 class TrunkFrame:
-    """Trunk frames of a person in F frames: ``x_world = R x + origin``."""
+    """Coordinate frames of a person's trunk in F frames: ``x_world = R x + origin``."""
 
     R: Array  # (F, 3, 3): x to the person's left, y up the spine, z to the front.
     origin: Array  # (F, 3) centre of shoulders and hips in metres.
@@ -49,7 +49,7 @@ class TrunkFrame:
 
 
 def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
-    """Return the trunk frames for finite (F, 19, 3) ``POINTS`` in metres."""
+    """Compute the trunk frames from finite (F, 19, 3) ``POINTS`` in metres."""
     xp = array_namespace(points)
     left_shoulder, right_shoulder, left_hip, right_hip = (points[:, i] for i in range(4))
     up = 0.5 * (left_shoulder + right_shoulder - left_hip - right_hip)
@@ -61,7 +61,7 @@ def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
 
 
 def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
-    """Return (F, 76) features: points relative to the trunk, and a mask of known points."""
+    """Return the network's (F, 76) input: points relative to the trunk, and a mask of known points."""
     xp = array_namespace(points)
     local = xp.matmul(points - trunk.origin[:, None], trunk.R)
     mask = xp.astype(seen, points.dtype)[..., None]
@@ -70,7 +70,7 @@ def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
 
 
 def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
-    """Convert the (F, 51) output to code, rotation, position and shape."""
+    """Convert the network's (F, 51) output to code, root rotation, pelvis position and shape."""
     xp = array_namespace(output)
     upright = constant((1.0, 0.0, 0.0, 0.0, 1.0, 0.0), output)
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6] + upright, LATENT_DIM + 6
@@ -81,13 +81,13 @@ def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
 
 @dataclass(frozen=True)
 class Lifter:
-    """The network and its metadata."""
+    """Network that estimates a pose from 3D keypoints, with its metadata."""
 
     stack: DenseStack
     metadata: dict[str, Any]  # Training command, data and evaluation.
 
     def __call__(self, points: Array, seen: Array, names: tuple[str, ...]) -> Lifted:
-        """Estimate the start of a fit from named (F, L, 3) world points in metres."""
+        """Estimate initial poses from named (F, L, 3) world points in metres."""
         xp = array_namespace(points)
         device = device_of(points)
         known = xp.asarray([name in names for name in POINTS], device=device)
@@ -99,13 +99,13 @@ class Lifter:
 
 @cache
 def load_lifter(path: Path = DEFAULT_WEIGHTS) -> Lifter:
-    """Load the lifter's weights. Errors: ``read_lifter_weights``."""
+    """Load the lifter's weights. Raises the errors of ``read_lifter_weights``."""
     weights = read_lifter_weights(path, "lifter")
     return Lifter(read_stack(weights, "network", 4 * len(POINTS), OUTPUTS), weights.metadata)
 
 
 def read_lifter_weights(path: Path, kind: str) -> PriorWeights:
-    """Read the weights of a network that maps ``POINTS`` to SPoser's codes.
+    """Read the weights of a network that maps keypoints to SPoser's codes.
 
     Raises:
         FileMissing: the file does not exist.

@@ -1,4 +1,4 @@
-"""Estimate the distance to plausible poses with a neural field over quaternions (Tiwari et al. 2022)."""
+"""Estimate the distance from a pose to plausible poses with a neural field over quaternions (Tiwari et al. 2022)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _LEAST_RAD = 0.01  # Standard deviation in radians that is added to every axis. 
 
 @dataclass(frozen=True)
 class JointSpread:
-    """Independent normal distributions of the joints' rotation vectors."""
+    """Independent normal distributions of the joint rotation vectors, estimated from recorded poses."""
 
     mean: np.ndarray  # (21, 3) rad.
     factor: np.ndarray  # (21, 3, 3) rad: lower Cholesky factors of the covariances.
@@ -56,7 +56,7 @@ class JointSpread:
         return cls(mean, np.linalg.cholesky(covariance + _LEAST_RAD**2 * np.eye(3)))
 
     def draw(self, count: int, seed: int) -> np.ndarray:
-        """Return (count, 21, 3, 3) poses whose joints are spread wider than recorded and clipped to their ranges."""
+        """Draw random poses (count, 21, 3, 3), spread wider than recorded and clipped to the joints' ranges."""
         noise = np.random.default_rng(seed).standard_normal((count, *self.mean.shape, 1))
         angles = swing_and_twist(exp_so3(self.mean + WIDENED * (self.factor @ noise)[..., 0]))
         low, high = JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)
@@ -69,19 +69,19 @@ SHARPNESS = 20.0  # Factor β in ``softplus(x) = log(1 + exp(β x)) / β``.
 
 @dataclass(frozen=True)
 class SoftplusStack:
-    """Layers ``x -> W_n s(... s(W_1 x + b_1) ...) + b_n``, with a softplus s that is optional after the last layer."""
+    """Dense network ``x -> W_n s(... s(W_1 x + b_1) ...) + b_n`` with softplus s, optional after the last layer."""
 
     weights: tuple[Array, ...]  # (out, in) each.
     biases: tuple[Array, ...]  # (out,) each.
     last_is_positive: bool = False
 
     def like(self, x: Array) -> SoftplusStack:
-        """Convert the stack to the array type, precision and device of ``x``."""
+        """Convert the network to the array type, precision and device of ``x``."""
         weights = tuple(constant(w, x) for w in self.weights)
         return SoftplusStack(weights, tuple(constant(b, x) for b in self.biases), self.last_is_positive)
 
     def forward(self, x: Array) -> tuple[Array, list[Array]]:
-        """Return the output (N, out), and the derivatives of the softplus layers for ``backward``."""
+        """Return the output (N, out), and the softplus derivatives that ``backward`` needs."""
         slopes: list[Array] = []
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = array_namespace(x).matmul(x, weight.T) + bias
@@ -91,7 +91,7 @@ class SoftplusStack:
         return x, slopes
 
     def backward(self, slopes: list[Array], by_output: Array) -> Array:
-        """Return the derivative w.r.t. the input (N, in), given the derivative w.r.t. the output (N, out)."""
+        """Convert the derivative w.r.t. the output (N, out) to the derivative w.r.t. the input (N, in)."""
         xp = array_namespace(by_output)
         for number in range(len(self.weights) - 1, -1, -1):
             if number < len(slopes):
@@ -121,14 +121,14 @@ TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0  # (21,) metric for small rotation
 
 
 def pose_distance(a: Array, b: Array) -> Array:
-    """Return ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` in rad (Tiwari et al. 2022, eq. 2)."""
+    """Return the distances ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` between poses in rad (Tiwari et al. 2022, eq. 2)."""
     xp = array_namespace(a, b)
     angle = half_angles(a, b)
     return xp.sqrt(xp.sum(0.5 * constant(JOINT_WEIGHTS, a) * angle * angle, axis=-1))
 
 
 def half_angles(a: Array, b: Array) -> Array:
-    """Return half the angle between (..., 4) quaternions in radians, ``2 arcsin(min|a ∓ b|/2)``."""
+    """Return half the angles (...) between (..., 4) quaternions in radians: ``2 arcsin(min|a ∓ b|/2)``."""
     xp = array_namespace(a, b)
     near, far = xp.sum((a - b) ** 2, axis=-1), xp.sum((a + b) ** 2, axis=-1)
     return 2.0 * xp.asin(0.5 * xp.sqrt(xp.where(near < far, near, far)))
@@ -136,7 +136,7 @@ def half_angles(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class _FieldLevel:
-    """Joints at the same depth in the tree, which are encoded together."""
+    """Joints at the same depth of the joint tree, which are encoded together."""
 
     joints: tuple[int, ...]  # Columns 0..20 of joints 1..21.
     parents: np.ndarray  # (n, m) one if a joint's parent is the m-th joint in the level above (excluding the pelvis).
@@ -160,11 +160,10 @@ _ORDER = tuple(joint for level in LEVELS for joint in level.joints)
 
 @dataclass(frozen=True)
 class PoseField:
-    """Network ``f(θ) = f_df([v_1 .. v_21])`` (Pose-NDF, eq. 3).
+    """Neural distance field ``f(θ) = f_df([v_1 .. v_21])`` over poses θ (Pose-NDF, eq. 3).
 
-    The features are ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k``.
-
-    ``s`` is the softplus. The pelvis has no feature, so its children receive zeros.
+    The features of joint k are ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k`` with the softplus s. The pelvis has
+    no features, so its children receive zeros.
     """
 
     w0: Array  # (21, H, 4 + l).
@@ -179,13 +178,13 @@ class PoseField:
         return PoseField(w0, b0, w1, b1, self.distance.like(x))
 
     def __call__(self, quats: Array) -> Array:
-        """Return the (N,) distances ``f`` for (N, 21, 4) quaternions."""
+        """Return the (N,) distances f for poses of (N, 21, 4) quaternions."""
         xp = array_namespace(quats)
         features, _ = self._encode(xp.permute_dims(quats, (1, 0, 2)))
         return self.distance.forward(_side_by_side(features))[0][:, 0]
 
     def with_gradient(self, quats: Array) -> tuple[Array, Array]:
-        """Return the (N,) distances ``f`` and their (N, 21, 4) derivatives w.r.t. the quaternions, in reverse mode."""
+        """Return the (N,) distances f and their (N, 21, 4) derivatives w.r.t. the quaternions, in reverse mode."""
         xp = array_namespace(quats)
         count = quats.shape[0]
         features, slopes = self._encode(xp.permute_dims(quats, (1, 0, 2)))
@@ -195,7 +194,7 @@ class PoseField:
         return distance[:, 0], xp.permute_dims(self._by_quats(slopes, by_feature), (1, 0, 2))
 
     def _encode(self, quats: Array) -> tuple[list[Array], list[Array]]:
-        """Return the features (n, N, l) and softplus derivatives (n, N, H) of every level."""
+        """Return the features (n, N, l) and softplus derivatives (n, N, H) of the n joints in every level."""
         xp = array_namespace(quats)
         features, slopes = list[Array](), list[Array]()
         for level in LEVELS:
@@ -213,7 +212,7 @@ class PoseField:
         return features, slopes
 
     def _by_quats(self, slopes: list[Array], by_feature: Array) -> Array:
-        """Return (21, N, 4) derivatives w.r.t. quaternions, given those w.r.t. features."""
+        """Convert derivatives w.r.t. features to derivatives w.r.t. the quaternions (21, N, 4)."""
         xp = array_namespace(by_feature)
         parts: list[Array] = []
         last, from_below = NUM_BODY_JOINTS, None
@@ -231,13 +230,13 @@ class PoseField:
 
 
 def _side_by_side(features: list[Array]) -> Array:
-    """Combine the levels' (n, N, l) features into (N, 21 l)."""
+    """Combine the features (n, N, l) of all levels into (N, 21 l)."""
     xp = array_namespace(features[0])
     return xp.reshape(xp.permute_dims(xp.concat(features, axis=0), (1, 0, 2)), (features[0].shape[1], -1))
 
 
 def _mixed(shares: Array, values: Array) -> Array:
-    """Return ``Σ_m shares[n, m] values[m]``, which maps (n, m) and (m, N, l) to (n, N, l)."""
+    """Mix features: ``Σ_m shares[n, m] values[m]`` maps (n, m) and (m, N, l) to (n, N, l)."""
     xp = array_namespace(values)
     flat = xp.matmul(shares, xp.reshape(values, (values.shape[0], -1)))
     return xp.reshape(flat, (shares.shape[0], *values.shape[1:]))
@@ -254,7 +253,7 @@ _ARRIVED = 1e-3  # Distance in radians that counts as zero.
 
 @dataclass(frozen=True)
 class ProjectionSettings:
-    """Gradient descent towards the manifold (Tiwari et al. 2022, eqs. 5 and 6)."""
+    """Settings of the gradient descent towards plausible poses (Tiwari et al. 2022, eqs. 5 and 6)."""
 
     steps: int = 60
     step_size: float = 0.3  # Initial factor α. 1 would reach zero in one step if the field is a distance.
@@ -263,9 +262,10 @@ class ProjectionSettings:
 
 
 class PoseNDF(PosePrior):
-    """Distance in radians between a pose and the manifold of plausible poses.
+    """Prior that measures the distance in radians between a pose and the manifold of plausible poses.
 
-    It is zero on the manifold (Tiwari et al. 2022, eq. 1). Quaternions have ``w >= 0``, so q and -q are the same pose.
+    The distance is zero on the manifold (Tiwari et al. 2022, eq. 1). Quaternions have ``w >= 0``, so q and -q are the
+    same pose.
     """
 
     def __init__(self, field: PoseField, spread: JointSpread, metadata: dict[str, Any]) -> None:
@@ -275,11 +275,11 @@ class PoseNDF(PosePrior):
 
     @property
     def latent_dim(self) -> int:
-        """Length of a code: 84, for 21 unit quaternions."""
+        """Number of entries in a code: 84, for 21 unit quaternions."""
         return _DIM
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the (N, 84) unit quaternions, wxyz with ``w >= 0``. Errors: ``check_rotations``."""
+        """Convert poses to (N, 84) unit quaternions, wxyz with ``w >= 0``. Raises the errors of ``check_rotations``."""
         check_rotations(rotations)
         xp = array_namespace(rotations)
         return xp.reshape(upper_hemisphere(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
@@ -299,11 +299,11 @@ class PoseNDF(PosePrior):
         return rotations, in_own_columns(blocks)
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the (N,) predicted distances in radians between (N, 21, 3, 3) poses and the manifold."""
+        """Return the (N,) predicted distances in radians from poses (N, 21, 3, 3) to plausible poses."""
         return self.distance_with_gradient(self.encode(rotations))[0]
 
     def distance_with_gradient(self, z: Array) -> tuple[Array, Array]:
-        """Return the (N,) distances ``f`` and the (N, 84) ``df/dz`` for (N, 84) unit quaternions.
+        """Return the distances f (N,) and their derivatives (N, 84) for codes of unit quaternions (N, 84).
 
         Raises:
             PoseInvalid: a value is NaN, the width is wrong, or a quaternion is not a unit quaternion.
@@ -317,9 +317,9 @@ class PoseNDF(PosePrior):
         return distance, xp.reshape(gradient, (z.shape[0], _DIM))
 
     def distance_with_tangents(self, rotations: Array) -> tuple[Array, Array]:
-        """Return the (N,) distances ``f`` for (N, 21, 3, 3) poses, and their derivatives w.r.t. left tangents.
+        """Return the distances f (N,) of poses (N, 21, 3, 3), and their derivatives (N, 21, 3) w.r.t. left tangents.
 
-        ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``. Errors: ``check_rotations``.
+        ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``. Raises the errors of ``check_rotations``.
         """
         check_rotations(rotations)
         xp = array_namespace(rotations)
@@ -328,14 +328,14 @@ class PoseNDF(PosePrior):
         return distance, xp.matmul(xp.matrix_transpose(quat_left_tangent(quats)), gradient[..., None])[..., 0]
 
     def _signed(self, quats: Array) -> tuple[Array, Array]:
-        """Return the distances and gradients (N, 21, 4) for quaternions of either sign."""
+        """Return distances (N,) and gradients (N, 21, 4) for quaternions of either sign."""
         xp = array_namespace(quats)
         sign = xp.where(quats[..., :1] < 0, -xp.ones_like(quats[..., :1]), xp.ones_like(quats[..., :1]))
         distance, gradient = self._field.like(quats).with_gradient(sign * quats)
         return distance, sign * gradient
 
     def project(self, rotations: Array, settings: ProjectionSettings = ProjectionSettings()) -> Array:
-        """Move (N, 21, 3, 3) poses down the field by ``θ - α f ∇f``, and normalise the quaternions.
+        """Move (N, 21, 3, 3) poses towards plausible ones: descend the field by ``θ - α f ∇f`` and normalise.
 
         The gradient is taken in the metric: ``2/w_k`` times the part tangent to each joint's sphere. With α = 1, one
         step reaches zero if the field is a distance. A step that would increase a pose's distance is halved, then α
@@ -364,12 +364,12 @@ class PoseNDF(PosePrior):
         return matrix_from_quat(quats)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` projected poses whose joints were drawn independently and wider than recorded."""
+        """Draw random poses with independent joints, and project them to plausible poses."""
         return self.project(self._spread.draw(count, seed))
 
 
 def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
-    """Load Pose-NDF's weights. Errors: ``read_weights``."""
+    """Load the weights of Pose-NDF. Raises the errors of ``read_weights``."""
     stored = read_weights(Path(path), "pose_ndf")
     size = stored.metadata.get("field_size", {})
     try:
@@ -392,9 +392,9 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
 
 
 def in_metric(quats: Array, gradient: Array) -> Array:
-    """Convert the gradient (N, 21, 4) to the metric of ``pose_distance``: the tangent part times ``2/w_k``.
+    """Convert a gradient (N, 21, 4) to the metric of ``pose_distance``: the tangent part times ``2/w_k``.
 
-    Its length in that metric is 1 where the field is a distance.
+    The length of the result in this metric is 1 where the field is a distance.
     """
     xp = array_namespace(quats)
     tangent = gradient - xp.sum(gradient * quats, axis=-1, keepdims=True) * quats
@@ -402,7 +402,7 @@ def in_metric(quats: Array, gradient: Array) -> Array:
 
 
 def metric_length(tangents: Array) -> Array:
-    """Return the (N,) lengths ``sqrt(Σ_k (w_k/2) |·|²)`` of (N, 21, 4) tangents."""
+    """Return the (N,) lengths ``sqrt(Σ_k (w_k/2) |·|²)`` of tangent vectors (N, 21, 4) in the metric of the field."""
     xp = array_namespace(tangents)
     weights = constant(0.5 * JOINT_WEIGHTS[:, None], tangents)
     return xp.sqrt(xp.sum(weights * tangents * tangents, axis=(1, 2)) + 1e-24)

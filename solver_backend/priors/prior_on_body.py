@@ -1,4 +1,4 @@
-"""Apply a prior to a body whose joints differ from the prior's."""
+"""Apply a prior to a body with joints that differ from the prior's."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNCOVERED_SIGMA_RAD = 0.5  # Standard deviation from rest of joints without a pr
 
 
 def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingPrior:
-    """Extend a prior to all joints that a solve rotates. Return it unchanged if it already covers them.
+    """Extend a prior to all joints that a solve of this body rotates. Return it unchanged if it already has them.
 
     Raises:
         PriorInvalid: its arrays do not match its own joints or codes, or the body has none of its joints.
@@ -26,30 +26,30 @@ def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingP
 
 
 class PriorOnBody(AutoencodingPrior):
-    """Applies a prior's poses to the joints of a body. All other joints stay at rest."""
+    """Prior for a body that has other joints than the wrapped prior. Joints without a counterpart stay at rest."""
 
     def __init__(self, prior: AutoencodingPrior, joints: tuple[str, ...]) -> None:
         self._prior, self.name, self.metadata, self.joints = prior, prior.name, prior.metadata, joints
         shared = [name for name in joints if name in prior.joints]
         self._own = np.array([joints.index(name) for name in shared])
-        """Columns of the body's poses that the prior models."""
+        """Columns of the body's poses that the wrapped prior models."""
         self._theirs = np.array([prior.joints.index(name) for name in shared])
-        """The same columns in the prior's poses."""
+        """The same joints' columns in the wrapped prior's poses."""
         self.uncovered = tuple(column for column in range(len(joints)) if column not in self._own)
         self.residual_sigma = np.full((len(joints), 3), UNCOVERED_SIGMA_RAD)
         self.residual_sigma[self._own] = prior.residual_sigma[self._theirs]
 
     @property
     def latent_dim(self) -> int:
-        """Length of the prior's codes."""
+        """Number of entries in a code."""
         return self._prior.latent_dim
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the prior's codes for poses. Joints that the body does not have stay at rest."""
+        """Encode the joints that the prior models. Joints that the body does not have are at rest."""
         return self._prior.encode(self._as_prior(rotations))
 
     def decode(self, z: Codes) -> Poses:
-        """Return the prior's poses, converted to the body."""
+        """Decode codes with the wrapped prior, and arrange the rotations for the body."""
         return self._on_body(self._prior.decode(z))
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
@@ -60,7 +60,7 @@ class PriorOnBody(AutoencodingPrior):
         return self._on_body(rotations), jacobian
 
     def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-        """Return ``decode(z)`` and its vector-Jacobian product."""
+        """Return ``decode(z)`` and the function ``v -> J_zᵀ v``."""
         rotations, prior_vjp = self._prior.decode_with_vjp(z)
 
         def vjp(cotangent: Array) -> Array:
@@ -71,11 +71,11 @@ class PriorOnBody(AutoencodingPrior):
         return self._on_body(rotations), vjp
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the prior's energy for the joints that it models."""
+        """Return the wrapped prior's energy for the joints that it models."""
         return self._prior.energy(self._as_prior(rotations))
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return samples of the prior, converted to the body."""
+        """Draw poses from the wrapped prior, and arrange them for the body."""
         return self._on_body(self._prior.sample(count, seed))
 
     def _on_body(self, rotations: Array) -> Array:
@@ -86,7 +86,7 @@ class PriorOnBody(AutoencodingPrior):
 
 
 def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) -> Array:
-    """Return (N, count, 3, 3) rotations with columns ``taken`` placed at columns ``put``, and identity elsewhere."""
+    """Move the columns ``taken`` of rotations to the columns ``put`` of ``count``, with the identity at all others."""
     xp = array_namespace(rotations)
     rest = constant(np.eye(3), rotations) + zeros((rotations.shape[0], count, 3, 3), rotations)
     rest[:, index(put, rotations)] = xp.asarray(rotations)[:, index(taken, rotations)]

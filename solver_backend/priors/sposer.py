@@ -1,4 +1,4 @@
-"""Define SPoser, an autoencoder of poses whose codes lie on a sphere (thesis 6.2.2)."""
+"""Define SPoser, an autoencoder of poses with codes on a sphere (thesis 6.2.2)."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _BLOCK = 256  # Number of poses whose equations are formed at a time.
 
 
 def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotations: Poses, z: Codes) -> Codes:
-    """Move codes towards poses by one damped Gauss-Newton step: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
+    """Move codes closer to poses by one damped Gauss-Newton step: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
 
-    With the pelvis at rest, ``r`` consists of the joints' offsets from the pose, ``p*_j - p_j``, and 7 cm times the
-    missing rotation of each joint's global rotation, ``ℓ log(G*_j G_jᵀ)`` (Levenberg 1944, Marquardt 1963).
+    The residual r, with the pelvis at rest, consists of the joints' offsets from the pose, ``p*_j - p_j``, and 7 cm
+    times the missing rotation of each joint's global rotation, ``ℓ log(G*_j G_jᵀ)`` (Levenberg 1944, Marquardt 1963).
 
     Args:
         decode: maps codes to (N, 21, 3, 3) rotations and (N, 21, 3, d) derivatives of their left tangents.
@@ -49,8 +49,9 @@ def _step(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> Codes:
 def misfit(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> tuple[Array, Array]:
     """Return the errors r (N, 132) of decoded poses in metres, and J (N, 132, d), which is ``-dr/dz``.
 
-    Joints 1..23 come first, then rotations of joints 1..21. Velocities propagate down the tree: ``ω_j = ω_p + G_p J_j``
-    and ``v_j = v_p + ω_p x (p_j - p_p)``. ``truth`` and ``decoded`` are (N, 21, 3, 3), ``by_code`` is (N, 21, 3, d).
+    Positions of joints 1..23 come first, then rotations of joints 1..21. Velocities propagate down the tree:
+    ``ω_j = ω_p + G_p J_j`` and ``v_j = v_p + ω_p x (p_j - p_p)``. Poses are (N, 21, 3, 3), and ``by_code`` is (N, 21,
+    3, d).
     """
     xp = array_namespace(decoded)
     eye, rest = xp.zeros_like(decoded[:, 0]) + identity(3, decoded), constant(REST_JOINTS, decoded)
@@ -77,20 +78,20 @@ DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"
 
 
 class SPoser(PoseAutoencoder):
-    """Autoencoder whose codes are unit zero-mean vectors in R^32, a sphere of 30 dimensions."""
+    """Pose autoencoder with zero-mean unit vectors in R^32 as codes, a sphere of 30 dimensions."""
 
     name = "sposer"
 
     def encode(self, rotations: Poses) -> Codes:
         """Encode (N, 21, 3, 3) local rotations as (N, 32) codes, which are unit vectors of zero mean.
 
-        The encoder's estimate is improved by one step that uses the decoder's derivative (``nearer_codes``).
+        One step with the decoder's derivatives improves the encoder's estimate (``nearer_codes``).
         """
         guess = self.guess(rotations)
         return spherical_normalisation(nearer_codes(self.decode_with_jacobian, rotations, guess))
 
     def guess(self, rotations: Poses) -> Codes:
-        """Return the encoder's estimates, which ``encode`` improves."""
+        """Return the encoder's estimate of the codes, which ``encode`` improves."""
         check_rotations(rotations)
         xp = array_namespace(rotations)
         features = xp.reshape(matrix_to_6d(rotations), (rotations.shape[0], 6 * NUM_BODY_JOINTS))
@@ -101,12 +102,12 @@ class SPoser(PoseAutoencoder):
         return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses decoded from codes drawn uniformly from the sphere."""
+        """Decode ``count`` random codes, drawn uniformly from the sphere."""
         return self.decode(spherical_normalisation(np.random.default_rng(seed).standard_normal((count, LATENT_DIM))))
 
 
 def load_sposer(path: Path | str = DEFAULT_WEIGHTS) -> SPoser:
-    """Load the weights of the pose prior SPoser.
+    """Load the weights of SPoser, the default pose prior.
 
     Raises:
         FileMissing, WeightsInvalid: see ``read_weights``.

@@ -1,4 +1,4 @@
-"""Read and write priors' weight files: ``.npz`` without pickle, with checked metadata."""
+"""Read and write the weight files of priors: ``.npz`` without pickle, with checked metadata."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ASSETS = Path(__file__).resolve().parents[1] / "assets"
 
 @dataclass(frozen=True)
 class PriorWeights:
-    """A prior's arrays and their metadata."""
+    """Arrays and metadata of a prior's weight file."""
 
     prior: str
     arrays: dict[str, np.ndarray]
@@ -34,10 +34,10 @@ class PriorWeights:
     sha256: str = ""
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> np.ndarray:
-        """Return an array as float64 with the given shape (None = any length).
+        """Return an array as float64 after checking its shape, where None means any length.
 
         Raises:
-            WeightsInvalid: it is missing, not finite, or has another shape.
+            WeightsInvalid: the array is missing, not finite, or has another shape.
         """
         if name not in self.arrays:
             raise WeightsInvalid(f"The weights of {self.prior} do not contain the array {name!r}.")
@@ -54,7 +54,7 @@ class PriorWeights:
 
 
 def write_weights(path: Path, weights: PriorWeights) -> str:
-    """Write a weight file completely or not at all, and return its arrays' hash."""
+    """Write a weight file atomically, and return the hash of its arrays."""
     digest = arrays_hash(weights.arrays)
     header = {"format": FORMAT, "version": VERSION, "prior": weights.prior, "body_joints": BODY_JOINTS}
     header |= {"sha256": digest, **weights.metadata}
@@ -64,7 +64,7 @@ def write_weights(path: Path, weights: PriorWeights) -> str:
 
 
 def read_weights(path: Path, prior: str | None) -> PriorWeights:
-    """Read and check the ``.npz`` of the given prior, or of any prior if None.
+    """Read and check the weight file of the given prior, or of any prior if None.
 
     Raises:
         FileMissing: the file does not exist.
@@ -90,7 +90,7 @@ def read_weights(path: Path, prior: str | None) -> PriorWeights:
 def read_stack(
     weights: PriorWeights, part: str, inputs: int, outputs: int, *, activate_last: bool = False
 ) -> DenseStack:
-    """Return the dense layers in the arrays ``<part>_w0, <part>_b0, ...`` and the metadata.
+    """Build a dense network from the arrays ``<part>_w0``, ``<part>_b0``, ... and the metadata of a weight file.
 
     Raises:
         WeightsInvalid: an array is missing or has another shape, or the activation is unknown.
