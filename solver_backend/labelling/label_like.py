@@ -1,4 +1,4 @@
-"""Label takes like other takes of the same person, and find labels that were swapped between takes."""
+"""Transfer labels between takes of the same person, and find labels that were swapped between takes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ VOLUME = 0.12  # Additional standard deviation between takes for a triple produc
 
 @dataclass(frozen=True)
 class ReferenceTake:
-    """Distances and orientations of L markers."""
+    """Statistics of a labelled take with L markers: distances and orientations that do not change much."""
 
     labels: tuple[str, ...]
     distance: np.ndarray  # (L, L) mean distances in metres, NaN for pairs that are never visible together.
@@ -44,7 +44,7 @@ class ReferenceTake:
 
 
 def reference_of(cloud: MarkerCloud) -> ReferenceTake:
-    """Return the distances and orientations in a labelled take."""
+    """Measure the distances and orientations between the markers of a labelled take."""
     some = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))
     points = cloud.positions[some]
     mean, variance = distance_statistics(points)
@@ -55,7 +55,7 @@ def reference_of(cloud: MarkerCloud) -> ReferenceTake:
 
 
 def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) means and variances of the distances between points, NaN if rarely seen together."""
+    """Return means and variances (N, N) of the distances between points, NaN for pairs rarely visible together."""
     count = points.shape[1]
     total, square, seen = (np.zeros((count, count)) for _ in range(3))
     for frame in points:
@@ -69,7 +69,7 @@ def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the triple products of the unit vectors from (..., 3) points to three others."""
+    """Return the triple products (...) of the unit vectors from points (..., 3) to three others (..., 3, 3)."""
     along = unit(others - points[..., None, :])
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
@@ -86,7 +86,7 @@ SAMPLES, ROUNDS = 24, 6  # Frames used from a tracklet, and rounds in which labe
 
 @dataclass(frozen=True)
 class LikeTake:
-    """A take that was labelled like another one."""
+    """Labels of a take that were transferred from a reference take."""
 
     tracklets: Tracklets
     chain_label: np.ndarray  # (C,) label of each chain of tracklets, -1 if no label is certain.
@@ -99,7 +99,7 @@ class LikeTake:
         return np.where(number >= 0, self.chain_label[self.tracklets.chain][number], -1)
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
-        """Return the labelled points by label, followed by the unlabelled points."""
+        """Return the take with one column per label, followed by the unlabelled points."""
         found, frames = self.point_labels, len(source.positions)
         named = np.full((frames, len(self.labels), 3), np.nan)
         f, n = np.nonzero(found >= 0)
@@ -115,12 +115,14 @@ def label_like(
 ) -> LikeTake:
     """Label a take's points like a labelled take of the same person.
 
-    In the frame with most points, a beam search assigns the labels. It starts with the most rigid ones, because the
+    In the frame with most points, a beam search assigns the labels. It starts with the most rigid markers, because the
     distances between markers on one bone are constant. Triple products exclude mirror images. Labels then propagate in
-    time: a tracklet gets a label if it is the only one that fits its distances to the labelled points.
+    time: a tracklet gets a label if no other label fits its distances to the labelled points.
 
-    The names in the cloud are ignored. ``persistent``: each column is one marker throughout. ``proposed`` (F, N)
-    contains the network's labels (-1 for none), which are tried as a second initial labelling. The better fit wins.
+    Args:
+        cloud: points to label. Their names are ignored.
+        persistent: each column is one marker throughout.
+        proposed: (F, N) the network's labels (-1 for none), tried as a second initial labelling. The better fit wins.
 
     Raises:
         NoDetections: no frame shows enough of the points.
@@ -150,7 +152,7 @@ def label_like(
 
 
 def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.ndarray:
-    """Return the label of each of (N, 3) points (-1 for none), given neighbouring frames."""
+    """Return the label of each point in ``now`` (N, 3), or -1, given ``points`` in neighbouring frames."""
     some = np.unique(np.linspace(0, len(points) - 1, 60).astype(int))
     mean, variance = distance_statistics(points[some])
     at_once = np.linalg.norm(now[:, None] - now[None], axis=-1)
@@ -197,7 +199,7 @@ def _order(reference: ReferenceTake) -> np.ndarray:
 
 
 def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, reference: ReferenceTake) -> np.ndarray:
-    """Return the (B, N) costs of triple products with the labels assigned so far."""
+    """Return the costs (B, N) of the triple products of B hypotheses with the labels assigned so far."""
     added = np.zeros((len(laid), len(now)))
     if len(before) < 3:
         return added
@@ -242,7 +244,7 @@ def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
 
 
 def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
-    """Return each label's (L,) mean cost for a tracklet, given its distances.
+    """Return the mean cost (L,) of each label for a tracklet, given its distances to labelled points.
 
     The tracklet has points (S, 3). The labelled points are (S, L, 3), without the tracklet's own label (-1 if none).
     """
@@ -277,14 +279,15 @@ def _chosen(cost: np.ndarray, alive: np.ndarray) -> np.ndarray:
 TAKE_FRAMES, LEAST_FRAMES = 120, 8  # Frames used from a take, and smallest number for a marker.
 SKIN_M = 0.01  # Standard deviation (m) of a rigid pair's distance between takes, due to placement and soft tissue.
 CONFUSED_M = 0.35
-"""Largest distance between confused markers in metres. The farthest observed pair was on a forearm and an upper arm."""
+"""Largest distance in metres between markers that people confuse. The farthest observed pair was on a forearm and an
+upper arm."""
 OTHERS = 3  # Number of other markers that determine a pair's side: those that are most rigid with both.
 OPEN = -4.0  # Gain from distances below which sides are not compared.
 
 
 @dataclass(frozen=True)
 class TakeShape:
-    """Positions of M markers in a take, and distances between them."""
+    """Positions of M markers in a take, and statistics of the distances between them."""
 
     points: np.ndarray  # (F, M, 3) positions in metres, NaN where missing.
     distance: np.ndarray  # (M, M) mean distances in metres, NaN if too few frames show both.
@@ -292,7 +295,7 @@ class TakeShape:
 
 
 def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
-    """Return the shape of (F, M, 3) points. Rarely visible markers are omitted."""
+    """Measure the distances between markers (F, M, 3). Rarely visible markers are omitted."""
     some = points[np.unique(np.linspace(0, len(points) - 1, TAKE_FRAMES).astype(int))].copy()
     some[:, np.isfinite(some).all(-1).sum(0) < min(LEAST_FRAMES, len(some))] = np.nan
     mean, variance = distance_statistics(some)
@@ -300,10 +303,10 @@ def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
 
 
 def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.ndarray:
-    """Return the (P,) gains from swapping marker pairs (P, 2) in one take, in half squared deviations.
+    """Return the gains (P,) from swapping marker pairs (P, 2) in one take, in half squared deviations.
 
     The gain is ``Σ_c w_c [q(a, a) + q(b, b) - q(a, b) - q(b, a)]`` with ``q(x, y) = min(½ (d_xc - d'_yc)² / v_c, cap)``
-    over the other markers c. The same sum is added for triple products, whose sign changes with a swap. Both takes show
+    over the other markers c. The same sum is added for triple products, which change sign with a swap. Both takes show
     the same M markers.
     """
     a, b = pairs.T
@@ -326,9 +329,9 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
 
 
 def replacement_gains(one: TakeShape, other: TakeShape, marker: int, candidates: np.ndarray) -> np.ndarray:
-    """Return the (K,) gains if another point in ``candidates`` is a marker of the other take.
+    """Return the gains (K,) if another point, one of ``candidates``, is the marker instead of the labelled point.
 
-    The first take has M markers and additional points. The other one has the same markers, and NaN for these points.
+    The first take has M markers and additional points. The other take has the same markers, and NaN for these points.
     """
     shared = other.variance[marker] + one.variance[marker]
     weight = 1.0 / (1.0 + 0.5 * shared / RIGID_M**2)
@@ -343,7 +346,7 @@ def _misfit(one: TakeShape, other: TakeShape, x: np.ndarray, y: np.ndarray | int
 
 
 def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarray) -> float:
-    """Return the gain from a swap, judged by the side on which the most rigid other markers are."""
+    """Return the gain from a swap in triple products with the most rigid other markers."""
     gain = 0.0
     around = [int(c) for c in np.argsort(-rigid, kind="stable")[:OTHERS] if rigid[c] > 0.1]
     for c, d in combinations(around, 2):
@@ -355,7 +358,7 @@ def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarr
 
 
 def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[float, float]:
-    """Return mean and variance of ``u · (v × w)`` for two markers and their surroundings."""
+    """Return mean and variance of ``u · (v × w)`` for a marker pair and two other markers c and d."""
     first, second = points[:, pair[0]], points[:, pair[1]]
     middle = 0.5 * (first + second)
     u, v, w = (unit(part) for part in (second - first, points[:, c] - middle, points[:, d] - middle))
@@ -378,7 +381,7 @@ _PLACED_M = 0.03  # Standard deviation in metres of the distance between two mar
 
 @dataclass(frozen=True)
 class NameChange:
-    """Two names that are swapped in one take."""
+    """Two labels that are swapped in one take."""
 
     take: int  # Index of the take, from 0.
     first: str
@@ -388,18 +391,18 @@ class NameChange:
 
 @dataclass(frozen=True)
 class NamesOverTakes:
-    """Takes of one person with consistent names."""
+    """Takes of one person after their labels were made consistent."""
 
     clouds: tuple[MarkerCloud, ...]
     changes: tuple[NameChange, ...]
 
 
 def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) -> NamesOverTakes:
-    """Make marker names consistent across the takes of one person.
+    """Make marker labels consistent across the takes of one person.
 
-    Two takes contradict each other about a pair of labels if swapping it makes their distances and sides agree. A take
-    is corrected if all others contradict it and agree with each other. If equally many takes support both versions, the
-    layout's landmarks decide. If they cannot decide either, the names are kept and reported.
+    Two takes contradict each other about a pair of labels if swapping the pair makes their distances and sides agree. A
+    take is corrected if all others contradict it and agree with each other. If equally many takes support both
+    versions, the layout's landmarks decide. If they cannot decide either, the labels are kept and reported.
 
     The user's labels (``kept``) are not changed. Each column in the takes is one marker throughout.
     """
@@ -421,7 +424,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
 
 
 def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
-    """Compare some of the takes with each other, and each remaining take with a few of these."""
+    """Compare a selection of the takes with each other, and each remaining take with a few of them."""
     chosen = np.unique(np.linspace(0, len(takes) - 1, MOST_TOGETHER).astype(int)).tolist()
     found = names_over_takes([takes[i] for i in chosen], kept)
     changes = [replace(change, take=chosen[change.take]) for change in found.changes]
@@ -436,7 +439,7 @@ def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
 
 
 def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameChange]:
-    """Return changes that do not share a label in any take, most certain first."""
+    """Return swaps that do not share a label in any take, most certain first."""
     count = Counter(name for cloud in takes for name in {*cloud.names})
     labels = sorted(label for label in count if count[label] > 1 and not is_unnamed(label))
     shapes = [shape_of(_points_of(cloud, labels)) for cloud in takes]
@@ -464,10 +467,10 @@ def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameCh
 
 
 def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float, bool]]:
-    """Return the takes with two swapped names, the margin, and whether this is certain.
+    """Return the takes with two swapped labels, the gain of the swap, and whether the swap is certain.
 
-    Gains from a swap are (T, T) between two takes, NaN if one of them does not show both markers, and (T,) relative to
-    the layout's landmarks.
+    ``gain`` (T, T) is the gain from a swap between two takes, NaN if one of them does not show both markers.
+    ``by_layout`` (T,) is the gain relative to the layout's landmarks.
     """
     there = np.flatnonzero(np.isfinite(gain).any(1))
     between = gain[np.ix_(there, there)]
@@ -497,7 +500,7 @@ def _replacements(
     places: TakeShape,
     kept: Collection[str],
 ) -> list[tuple[float, NameChange]]:
-    """Return the names that should belong to another, separately labelled point of a take."""
+    """Return labels that should belong to another, separately labelled point of a take."""
     count, found = len(takes), list[tuple[float, NameChange]]()
     points = [[label for label in cloud.names if label not in labels] for cloud in takes]
     whole = [shape_of(_points_of(cloud, [*labels, *more])) for cloud, more in zip(takes, points, strict=True)]
@@ -543,7 +546,7 @@ def _points_of(cloud: MarkerCloud, labels: Sequence[str]) -> np.ndarray:
 
 
 def _places(labels: Sequence[str]) -> TakeShape:
-    """Return the layouts' landmarks on the average body, NaN where there is none."""
+    """Return the layouts' landmarks on the average body for these labels, NaN without a landmark."""
     body, known = load_body(), name_markers(labels).known
     named = [i for i, label in enumerate(labels) if known.get(label, "@")[0] != "@"]
     points = np.full((LEAST_FRAMES, len(labels), 3), np.nan)
@@ -553,6 +556,6 @@ def _places(labels: Sequence[str]) -> TakeShape:
 
 
 def with_exchanged(cloud: MarkerCloud, first: str, second: str) -> MarkerCloud:
-    """Return a take with two labels swapped."""
+    """Swap two labels of a take."""
     swapped = {first: second, second: first}
     return replace(cloud, labels=tuple(swapped.get(label, label) for label in cloud.names))

@@ -1,4 +1,4 @@
-"""Label a cloud: the network labels frames, tracklets vote, and each label is used once."""
+"""Label a cloud: the network reads frames, tracklets collect votes, and each label is used once per frame."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _ROWS = 512  # Number of tracklets compared with all others at once.
 
 @dataclass(frozen=True)
 class Votes:
-    """The network's reading of K frames, and its votes for C chains."""
+    """Readings of K frames by the network, and the sums of its votes for C chains."""
 
     frames: np.ndarray  # (K,) frames that were read.
     landmarks: np.ndarray  # (K, 77, 3) markers and joints in metres.
@@ -114,9 +114,9 @@ LEAST_FRAMES = 10  # Smallest number of frames that show all four markers.
 def with_head_forward(
     positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, bound: dict[int, int]
 ) -> np.ndarray:
-    """Return each chain's label. The head's labels are rotated if it faces sideways.
+    """Return each chain's label, with the head's labels rotated by quarter turns if the head faces sideways.
 
-    If a head is wider than long, its distances also fit after a quarter turn. A head with a user-assigned label
+    If a head is as wide as it is long, its distances also fit after a quarter turn. A head with a user-assigned label
     (``bound``, by chain) does not change.
     """
     if any(label in AROUND for label in bound.values()):
@@ -146,7 +146,7 @@ def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, mark
 
 
 def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
-    """Return the mean angle from the head's left to the body's left in radians, or 0 if unknown.
+    """Return the mean angle in radians from the head's left to the body's left, or 0 if unknown.
 
     The (F, 4, 3) markers are in the order of ``AROUND``. ``left`` are (F, 3) vectors from the body's right to its left.
     """
@@ -173,30 +173,30 @@ _FEWEST = 12  # Smallest number of certain markers in a frame.
 
 
 class FittedBody(Protocol):
-    """A body fitted to the markers in one frame."""
+    """Body that was fitted to the markers in one frame."""
 
     @property
     def landmarks(self) -> np.ndarray:
-        """(53, 3) positions in metres of the markers on the body."""
+        """(53, 3) marker positions on the body in metres."""
         ...
 
     @property
     def off_m(self) -> float:
-        """Median distance to the visible markers in metres, or NaN if there are none."""
+        """Median distance between the body and the visible markers in metres, or NaN if none is visible."""
         ...
 
 
 class BodyFit(Protocol):
-    """Fits a body frame by frame. Implementations may import this module."""
+    """Fit of a body, frame by frame. Implementations may import this module."""
 
     def restart(self) -> None:
-        """Forget the pose."""
+        """Forget the pose of the previous frame."""
         ...
 
     def step(
         self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
     ) -> FittedBody:
-        """Fit (53, 3) points in a frame. For missing ones, use guesses with (53,) standard deviations."""
+        """Fit the body to markers (53, 3). Missing markers are replaced by guesses with deviations (53,)."""
         ...
 
 
@@ -209,7 +209,7 @@ def body_evidence(
     fps: float,
     fit: BodyFit,
 ) -> np.ndarray:
-    """Return (C, 54) mean log likelihoods of each chain's labels given the body, or 0 where it is not used.
+    """Return the mean log likelihoods (C, 54) of each chain's labels, given a fitted body. They are 0 without a fit.
 
     The body is fitted to the chains in ``trusted`` (C,). ``fit`` is in its initial state.
     """
@@ -247,7 +247,7 @@ def body_evidence(
 
 
 def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """Return a (53, 53) mask of pairs on the same joint, or farther out on the same limb."""
+    """Return a (53, 53) mask of marker pairs where the second is on the same joint, or farther out on the limb."""
     within = np.eye(len(parents), dtype=bool)
     for joint, parent in enumerate(parents):
         if parent >= 0:
@@ -257,9 +257,9 @@ def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
 
 
 def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Return a (53,) mask of markers on limbs that fit the body from their joint outwards.
+    """Return a (53,) mask of markers on limbs that fit the body from the marker's joint outwards.
 
-    If a wrist has a marker bar, a body fitted to both of its ends mistakes a hand for one of them.
+    If a wrist has a marker bar, a body fitted to both ends of the bar takes one of them for the hand.
     """
     squared = ((markers - places) ** 2).sum(axis=-1)
     laid = moved & np.isfinite(squared)
@@ -278,7 +278,7 @@ MOST_CHAINS = 5000  # Largest number of tracklet chains. With this number, compa
 
 @dataclass(frozen=True)
 class LabelledTake:
-    """F frames of N labelled points."""
+    """Labels of N points in F frames, and of their tracklets."""
 
     labels: np.ndarray  # (F, N) marker of each point, ``GHOST`` for no marker, -1 if unknown or missing.
     confidence: np.ndarray  # (F, N) probability of the label, NaN if there is no point.
@@ -318,7 +318,7 @@ def label_take(
     *,
     persistent: bool = False,
 ) -> LabelledTake:
-    """Label the points in a take.
+    """Label the points in a take with the landmark network.
 
     Columns in the cloud (metres, Z up) are tracks, which may break, jump, and continue in another column.
 
@@ -367,9 +367,9 @@ def label_take(
 
 
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
-    """Return frames at the reading rate, and one per shorter tracklet, that have enough visible points.
+    """Return the frames for the network: at the reading rate, and at least one from every tracklet.
 
-    Frames with many points are read less often (see ``CROWD``), down to the smallest number that short tracklets allow.
+    Only frames with enough visible points are read. Frames with many points are read less often (see ``CROWD``).
     """
     pairs = float(np.square(seen.sum(1), dtype=np.float64).mean()) / CROWD**2
     step = max(1, round(fps / READ_FPS * max(1.0, pairs)))
@@ -383,7 +383,7 @@ def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.nd
 
 
 def _fewest_inside(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return a smallest set of frames that includes a frame from every tracklet."""
+    """Return the smallest set of frames that includes a frame from every tracklet."""
     chosen, latest = list[int](), -1
     for t in np.argsort(last, kind="stable"):
         if first[t] > latest:

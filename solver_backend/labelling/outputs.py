@@ -7,14 +7,14 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 
 MARKERS: tuple[str, ...] = marker_layout("MANIFOLD_53")
-"""Markers that a point can be, by column of the network's labels. Layouts are subsets of them."""
+"""Markers that a point can be, in the order of the network's labels. All layouts are subsets of these markers."""
 GHOST = len(MARKERS)  # Label of a point that is not a marker.
 JOINTS: tuple[str, ...] = SMPL_JOINTS
 LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)  # Markers, then joints, in the order of the estimated positions.
 OTHER_PLACES: tuple[str, ...] = tuple(
     place for place in dict.fromkeys(load_layouts().names.values()) if place not in MARKERS
 )
-"""Landmarks in other layouts. A point there is not one of the markers."""
+"""Landmarks that occur only in other layouts. A point there is not one of the markers."""
 
 
 def other_side(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Run the landmark network in NumPy. It estimates point labels, and marker and joint positions."""
+"""Run the landmark network in NumPy. It labels points, and estimates marker and joint positions."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from solver_backend.priors.weights import ASSETS, read_weights
 from solver_backend.types.shapes import Float
 
 FREQUENCIES: tuple[float, ...] = tuple(math.pi * 2.0**k for k in range(5))
-"""Angular frequencies in 1/m of the coordinates' sines and cosines, for wavelengths from 2 m to 0.125 m."""
+"""Angular frequencies in 1/m of sines and cosines of the coordinates, for wavelengths from 2 m to 0.125 m."""
 NEARNESS: tuple[float, ...] = tuple(0.2 + 0.13 * k for k in range(8))
-"""Square roots of the distances at the bumps of an attention bias: 4 cm to 1.2 m, denser where markers are close."""
+"""Square roots of the distances at the centres of an attention bias, denser where markers are close (4 cm to 1.2 m)."""
 NEARNESS_WIDTH = 0.13  # Width of a bump in square roots of metres.
 FREEDOM = 4.0  # Degrees of freedom of Student's t-distribution for position errors, as in training.
 _DM = 0.1  # Metres per decimetre, which is the unit of the network's positions and spreads.
@@ -29,13 +29,13 @@ _DM = 0.1  # Metres per decimetre, which is the unit of the network's positions 
 
 @dataclass(frozen=True)
 class CloudReading:
-    """The network's reading of B clouds with N points: 53 markers, a ghost and 77 landmarks."""
+    """Network outputs for B clouds with N points: scores of 53 markers and a ghost, and 77 landmark positions."""
 
     scores: Float[np.ndarray, "clouds points labels"]  # (B, N, 54) score of each label, ghost last.
     missing: Float[np.ndarray, " markers"]  # (53,) score of a marker without a point.
     positions: Float[np.ndarray, "clouds landmarks 3"]  # (B, 77, 3) positions in metres.
     spread: Float[np.ndarray, "clouds landmarks 6"]
-    """(B, 77, 6) log diagonal and lower part of the Cholesky factor of each position's inverse scatter, in 1/dm."""
+    """(B, 77, 6) log diagonal and lower entries of the Cholesky factor of each position's inverse scatter, in 1/dm."""
 
     @property
     def log_probability(self) -> np.ndarray:
@@ -55,7 +55,7 @@ class CloudReading:
 
 
 class LandmarkNetwork(Protocol):
-    """A network that reads point clouds."""
+    """Network that labels point clouds and estimates landmark positions."""
 
     @property
     def sha256(self) -> str:
@@ -75,7 +75,7 @@ _FREQUENCIES, _NEARNESS = np.array(FREQUENCIES, np.float32), np.array(NEARNESS, 
 
 @dataclass(frozen=True)
 class PointNetwork:
-    """The network's float32 weights, by parameter name in the trained module."""
+    """Landmark network with float32 weights, which have the parameter names of the trained torch module."""
 
     arrays: Arrays
     layers: int
@@ -129,7 +129,7 @@ class PointNetwork:
 
 
 def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the (B, 1, 3) lower medians of the existing points, or 0 if there are none."""
+    """Return the (B, 1, 3) lower medians of the points with ``seen``, or 0 without points."""
     ordered = np.sort(np.where(seen[..., None], points, np.inf), axis=1)
     middle = np.maximum((seen.sum(1) - 1) // 2, 0)
     found = ordered[np.arange(len(points)), middle]
@@ -137,7 +137,7 @@ def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
-    """Build the network from a trained module's arrays. Raise ``WeightsInvalid``."""
+    """Build the network from the arrays of a trained module. Raise ``WeightsInvalid`` if they do not fit."""
     arrays = {name.removeprefix("net."): np.asarray(a, dtype=np.float32) for name, a in arrays.items()}
     try:
         layers = 1 + max(int(name.split(".")[1]) for name in arrays if name.startswith("layers."))
@@ -154,7 +154,7 @@ def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
 
 @lru_cache(maxsize=2)
 def load_network(path: Path | None = None) -> PointNetwork:
-    """Load the network in a file, or the one that is included. Raise FileMissing or WeightsInvalid."""
+    """Load the landmark network from a file, or the built-in one. Raise FileMissing or WeightsInvalid."""
     weights = read_weights(path or ASSETS / f"{NAME}.npz", NAME)
     return network_of(weights.arrays, weights.sha256)
 
@@ -166,7 +166,7 @@ _PART, _PAIRS = 64, 64 * 100**2  # Largest numbers of frames and point pairs rea
 
 @dataclass(frozen=True)
 class FramesRead:
-    """The network's reading of frames (B,), with (B, N) columns and a mask of existing points."""
+    """Network outputs for a batch of B frames, with the (B, N) columns that were read and a mask of existing points."""
 
     frames: np.ndarray
     columns: np.ndarray
@@ -188,7 +188,7 @@ def read_frames(
 
 
 def require_points(seen: np.ndarray) -> None:
-    """Check that there are enough points, but not too many.
+    """Check that a take has enough points, but not too many.
 
     Raises:
         NoDetections: no frame has enough points.
@@ -201,7 +201,7 @@ def require_points(seen: np.ndarray) -> None:
 
 
 def require_at_most(most: int, found: int, what: str) -> None:
-    """Raise ``CaptureInvalid`` if there are too many items to compare in pairs."""
+    """Raise ``CaptureInvalid`` if more than ``most`` items were found, too many to compare in pairs."""
     if found > most:
         what = f"Labelling is not supported for {found} {what}. The limit is {most}."
         hint = "Remove stray points, or cut the take, in the recording program."
@@ -209,7 +209,7 @@ def require_at_most(most: int, found: int, what: str) -> None:
 
 
 def frame_landmarks(positions: np.ndarray, network: LandmarkNetwork, progress: Progress = silent) -> np.ndarray:
-    """Estimate (F, 77, 3) markers and joints in metres from (F, N, 3) points. They are NaN if there are too few points.
+    """Estimate marker and joint positions (F, 77, 3) in metres from points (F, N, 3), NaN for too few points.
 
     Raises:
         NoDetections, CaptureInvalid: see ``require_points``.

@@ -1,4 +1,4 @@
-"""Run landmark networks trained by users: attention weights, or any position network as ONNX."""
+"""Run landmark networks that users have trained: attention weights, or any position network as ONNX."""
 
 from __future__ import annotations
 
@@ -17,23 +17,22 @@ from solver_backend.labelling.outputs import LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import CloudReading, LandmarkNetwork, load_network, lower_median
 
 SIGMA_M, GHOST_M = 0.03, 0.09
-"""Standard deviation (m) of a point around its marker. A point 3 deviations from all markers is not a marker. Chosen by
-hand.
-"""
+"""Standard deviation (m) of a point around its marker, and distance from all markers at which a point is not a marker.
+Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class PositionNetwork:
-    """A network that only estimates positions, such as the UNet in thesis 4.3.
+    """Network that estimates only landmark positions, such as the UNet in thesis 4.3.
 
-    ``log p(k) = -|x - m_k|² / 2σ²`` for marker k at ``m_k``, and ``-d² / 2σ²`` for no marker, up to a constant.
+    A point x has the log probability ``-|x - m_k|² / 2σ²`` for marker k at ``m_k``, and ``-d² / 2σ²`` for no marker.
     """
 
     session: Any  # Onnxruntime session: ``points`` and ``seen`` to ``positions`` (B, L, 3), 53 markers first.
     sha256: str
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read point clouds. Joint positions are NaN unless the network has all 24."""
+        """Read (B, N, 3) point clouds in metres, Z up. Joint positions are NaN unless the network has all 24."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)
@@ -51,7 +50,7 @@ class PositionNetwork:
 
 @lru_cache(maxsize=2)
 def chosen_network(file: str = "") -> LandmarkNetwork:
-    """Load the network in a file, or the one that is included.
+    """Load a landmark network from a file, or the built-in one.
 
     Raises:
         FileMissing, WeightsInvalid: the file does not exist, or is not a landmark network.

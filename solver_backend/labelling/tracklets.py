@@ -1,4 +1,4 @@
-"""Form tracklets from points, assign each label only once, and compare distances."""
+"""Form tracklets from points, assign each label once per frame, and compare distances with a table."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CLEAR = 0.5  # Largest ratio between the distances of the chosen and the next be
 
 @dataclass(frozen=True)
 class Tracklets:
-    """T tracklets of points: column, first and last frame, and chain (T,)."""
+    """T tracks of single points, split at gaps and jumps, with column, first and last frame, and chain (T,)."""
 
     number: np.ndarray  # (F, N) index of each point's tracklet, -1 where there is no point.
     column: np.ndarray
@@ -37,7 +37,7 @@ class Tracklets:
 
     @property
     def num_chains(self) -> int:
-        """Number of chains."""
+        """Number of chains of tracklets."""
         return int(self.chain.max(initial=-1)) + 1
 
 
@@ -85,7 +85,7 @@ def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
 
 
 def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: np.ndarray, fps: float) -> np.ndarray:
-    """Return each tracklet's chain. A chain continues if exactly one tracklet starts near its end."""
+    """Return the chain of each tracklet. A chain continues if exactly one tracklet starts near its end."""
     count = len(column)
     chain = np.arange(count)
     if count < 2:
@@ -125,7 +125,7 @@ _ROUNDS, _EXCHANGES, _GAIN = 4, 200, 1e-6
 
 
 def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
-    """Return (N,) labels, each used once, from (N, 54) log probabilities (ghost last)."""
+    """Assign a marker, used once, to each point of a frame, from (N, 54) log probabilities with the ghost last."""
     scores = np.array(log_probability)
     labels = np.full(len(scores), GHOST)
     rows = np.arange(len(scores))
@@ -147,7 +147,7 @@ def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
 
 
 def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[int, int] | None = None) -> np.ndarray:
-    """Return the (T,) labels with most evidence. Each is used once among simultaneous tracklets.
+    """Assign the labels (T,) with most evidence to tracklets. Simultaneous tracklets never share a marker.
 
     The most certain tracklet chooses first, by the margin between its best and its next free label. Pairs then swap
     their labels as long as the sum grows. Evidence is (T, 54) log likelihoods, ghost last. ``together`` (T, T) marks
@@ -184,7 +184,7 @@ def _margins(free: np.ndarray, evidence: np.ndarray) -> np.ndarray:
 
 
 def _exchanged(labels: np.ndarray, evidence: np.ndarray, together: np.ndarray, fixed: np.ndarray) -> bool:
-    """Swap the labels of pairs if that improves their sum. Return whether any were swapped."""
+    """Swap the labels of tracklet pairs if that increases their evidence. Return whether any were swapped."""
     own = evidence[np.arange(len(labels)), labels]
     other = evidence[:, labels]
     gain = other + other.T - own[:, None] - own[None]
@@ -231,7 +231,7 @@ _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name)
 
 @dataclass(frozen=True)
 class DistanceTable:
-    """Normal distributions of the distances between P landmarks in time windows."""
+    """Normal distributions of the distances between P landmarks, over short time windows."""
 
     mean: np.ndarray  # (P, P) mean distances in metres for a person of average size.
     spread: np.ndarray  # (P, P) standard deviations in metres across people, placements and windows.
@@ -241,7 +241,7 @@ class DistanceTable:
 
 @dataclass(frozen=True)
 class ChainDistances:
-    """Distances (C, C) between C chains: means and standard deviations in metres."""
+    """Distances (C, C) between chains: mean (m), change (see ``DistanceTable``) and seconds of common visibility."""
 
     mean: np.ndarray
     change: np.ndarray
@@ -250,7 +250,7 @@ class ChainDistances:
 
 @lru_cache(maxsize=1)
 def load_distances(path: Path | None = None) -> DistanceTable:
-    """Load the table in a file, or the one that is included. Raise FileMissing or WeightsInvalid."""
+    """Load the distance table from a file, or the built-in one. Raise FileMissing or WeightsInvalid."""
     arrays = read_weights(path or ASSETS / f"{NAME}.npz", NAME).arrays
     places = len(MARKERS) + len(OTHER_PLACES)
     pairs = places * (places - 1) // 2
@@ -267,7 +267,7 @@ def _square(pairs: np.ndarray, size: int, own: float) -> np.ndarray:
 
 
 def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets, fps: float) -> ChainDistances:
-    """Measure the distances between chains over frames of (F, N, 3) positions."""
+    """Measure the distances between chains over the given frames of (F, N, 3) positions."""
     chains = tracklets.num_chains
     between = float(np.median(np.diff(frames))) / fps if len(frames) > 1 else 1.0
     sums = np.zeros((3, chains * chains))
@@ -299,7 +299,7 @@ def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets
 def distance_evidence(
     found: ChainDistances, labels: np.ndarray, trusted: np.ndarray, table: DistanceTable
 ) -> np.ndarray:
-    """Return (C, 54) log likelihoods of each chain's labels, given its distances to the trusted chains.
+    """Return log likelihoods (C, 54) of each chain's labels, given its distances to the trusted chains.
 
     The log likelihood is ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)``, where s is the person's
     relative size, tempered to ``READINGS`` partners. If both counterparts on the other side of the body are labelled,
@@ -336,7 +336,7 @@ def _evidence_of(
     size: float,
     table: DistanceTable,
 ) -> np.ndarray:
-    """Return the rows of ``distance_evidence`` for (R,) chains and trusted ``partners``.
+    """Return the rows of ``distance_evidence`` for some chains (R,) and the trusted ``partners``.
 
     ``mirrored`` comes from ``_of_the_other_side`` for an average person. ``size`` is relative to the table's person.
     """
@@ -369,7 +369,7 @@ def _evidence_of(
 
 
 def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return the (53, 53) distances between each pair's counterparts on the other side.
+    """Return the distances (53, 53) between each marker pair's counterparts on the other side of the body.
 
     Both markers must be on the same side. Otherwise, a chain on the wrong side would be its own counterpart.
     """
@@ -387,7 +387,7 @@ def _size(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 def _student(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return log densities of Student's t-distribution, up to a constant."""
+    """Return log densities of Student's t-distribution for errors with a variance, up to a constant."""
     return -0.5 * (FREEDOM + 1.0) * np.log1p(error * error / (FREEDOM * variance)) - 0.5 * np.log(variance)
 
 
