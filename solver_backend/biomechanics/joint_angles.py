@@ -82,8 +82,7 @@ ISB: dict[str, JointRule] = {
     "hand": JointRule(("flexion", "ulnar_deviation", "")),
 }
 """Angles by segment name without side. On both sides they are positive in the direction of their name. Pelvic tilt is
-positive backwards.
-"""
+positive backwards."""
 JOINT_WORDS = {
     "pelvis": "pelvis", "thorax": "spine", "head": "neck", "thigh": "hip", "shank": "knee", "foot": "ankle",
     "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist",
@@ -134,9 +133,8 @@ def turn_deviations(
 ) -> Float[np.ndarray, "frames 3"]:
     """Return (F, 3) standard deviations of joint angles in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``.
 
-    J is ``axes_in_parent``, and C is the covariance of the left-applied rotation in the parent segment's axes. Near
-    gimbal lock, J is almost singular. Only the sum of two angles is then known, and their standard deviations grow up
-    to π.
+    J is ``axes_in_parent``, and C the covariance of the left-applied rotation in the parent segment's axes. Near gimbal
+    lock, J is almost singular: only the sum of two angles is known, and their deviations grow up to π.
     """
     frame = posed.above[segment]
     C = np.swapaxes(frame, -1, -2) @ covariances[segment] @ frame

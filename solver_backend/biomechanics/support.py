@@ -22,8 +22,7 @@ JUMP_S = 1.0  # Longest time in the air, in seconds. A jump of 1 s raises the bo
 FLOOR_M = 0.05  # Largest height in metres of the soles above the world's floor. Otherwise the floor is not at z = 0.
 LEVEL = 0.25
 """Fraction of frames in which the lowest skin is below the floor level. The level therefore includes shoe soles. With
-the world's floor instead, a person squatting in shoes (nimble, squats1) was in the air for 47 % of the take.
-"""
+the world's floor instead, a person squatting in shoes (nimble, squats1) was in the air for 47 % of the take."""
 DIRECTIONS = 72  # Number of directions of the support polygon's edges. The distance is at most 0.1 % too large.
 
 

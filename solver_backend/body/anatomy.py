@@ -31,10 +31,7 @@ class SurfacePoint:
 def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost: bool = False) -> SurfacePoint:
     """Find the surface point where a ray first leaves the rest mesh, or last leaves it (``outermost``).
 
-    The ray starts at ``origin`` (3,) inside the mesh, in metres in the rest pose.
-
-    Raises:
-        BodyInvalid: the ray hits no triangle.
+    The ray starts at ``origin`` (3,) inside the mesh, in metres in the rest pose. A miss raises ``BodyInvalid``.
 
     Reference: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
     """
@@ -87,8 +84,7 @@ class OnSurface:
     """Landmark rule: the point where a ray first leaves the skin (last for the head, because mouths are hollow).
 
     The ray starts at a joint, or at the fraction ``along`` of the way to the joint ``towards``, shifted by ``start``.
-    The point is then moved ``depth`` metres inwards. The depth of a marker is negative. Lengths are for a stature of
-    1.70 m.
+    The point is then moved ``depth`` metres inwards (outwards if negative). Lengths are for a stature of 1.70 m.
     """
 
     joint: str
@@ -126,11 +122,7 @@ class LandmarkBuilder:
         """Rest position, shape directions, skinning weights and pose directions of each skinned point."""
 
     def build(self, names: tuple[str, ...]) -> Landmarks:
-        """Build the named landmarks. A name without a rule is a joint of the body.
-
-        Raises:
-            BodyInvalid: a ray misses the mesh.
-        """
+        """Build the named landmarks. Raise ``BodyInvalid`` if a ray misses the mesh."""
         mixes = [self._landmark(name) for name in names]
         rest, shapedirs, weights, posedirs = (np.stack(parts) for parts in zip(*self._points, strict=True))
         if self._correctives:

@@ -45,9 +45,7 @@ class Body:
     """(T, 3) vertex indices of the triangles."""
     hands_mean: Float[np.ndarray, "hand_joints 3"] | None = None
     """(r, 3) axis-angles of the relaxed hands of SMPL-H and SMPL-X, added to the r joints that a solve leaves at rest.
-
-    None for flat hands.
-    """
+    None for flat hands."""
     joints_template: Float[np.ndarray, "joints 3"] = field(init=False)
     """(J, 3) rest joints of the mean shape, in metres."""
     joints_shapedirs: Float[np.ndarray, "joints 3 10"] = field(init=False)
@@ -82,11 +80,7 @@ class Body:
 
 
 def load_body(path: Path | None = None) -> Body:
-    """Read a body from an ``.npz`` file (see ``docs/reference/body-file.md``), by default the built-in one.
-
-    Raises:
-        BodyInvalid: the file is missing, damaged or not a body.
-    """
+    """Read a body file (``docs/reference/body-file.md``), by default the built-in one. Raise ``BodyInvalid``."""
     return _load_body(Path(path) if path is not None else DEFAULT_BODY)
 
 

@@ -62,10 +62,7 @@ def hand_labels(labels: Sequence[str]) -> dict[str, str]:
 
 
 def hand_markers(skeleton: HandSkeleton, labels: tuple[str, ...]) -> HandMarkers:
-    """Place the labels that name hand markers on a hand skeleton, in the order of the labels.
-
-    Labels are places without a side, such as ``FT2``. Markers are at skin thickness above the bones.
-    """
+    """Place hand markers on a hand skeleton, given labels without a side, such as ``FT2``. Other labels are skipped."""
     known = tuple(label for label in labels if label in PLACES)
     finger, segment, along = (np.array([PLACES[label][i] for label in known]) for i in range(3))
     finger, segment = finger.astype(int), segment.astype(int)

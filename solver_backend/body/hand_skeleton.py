@@ -53,10 +53,7 @@ def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndar
 
 
 def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.ndarray, "n 5 3 3 3"]:
-    """Convert (n, A) finger angles in radians to (n, 5, 3, 3, 3) rotations relative to the previous segment.
-
-    The dimensions after n are fingers and joints.
-    """
+    """Convert (n, A) angles in radians to (n, 5, 3, 3, 3) rotations of finger joints from the previous segment."""
     turns = np.zeros((len(angles), 5, 3, 3))
     turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
     sign = side_sign(side)
@@ -204,8 +201,7 @@ class HandSkeleton:
     ) -> Float[np.ndarray, "n sites 3 a"]:
         """Return the (F, L, 3, A) derivatives of points w.r.t. the finger angles: ``R (axis × (point - joint))``.
 
-        ``points`` (F, L, 3) are in metres in hand axes. ``turn`` (F, 3, 3) is R, the rotation from hand axes to the
-        output's.
+        ``points`` (F, L, 3) are in metres in hand axes. ``turn`` (F, 3, 3) is R, the rotation from hand to output axes.
         """
         site, angle = np.nonzero((sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF))
         turn_T = np.swapaxes(turn, 1, 2)
@@ -218,8 +214,8 @@ class HandSkeleton:
     def local_rotations(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n 5 3 3 3"]:
         """Convert (F, A) angles to (F, 5, 3, 3, 3) finger rotations from rest, in the parents' rest frames.
 
-        ``G_j = A_j A_j⁰ᵀ``, where A is the posed frame of the segment and A⁰ its frame at rest, and ``R_j = G_pᵀ G_j``
-        with the parent p.
+        ``G_j = A_j A_j⁰ᵀ``, where A is the frame of the posed segment and A⁰ its frame at rest. ``R_j = G_pᵀ G_j`` with
+        parent p.
         """
         posed = self.pose(angles)
         G = posed.frames[:, :, 1:] @ np.swapaxes(self.rest, -1, -2)
@@ -239,10 +235,7 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return the (F, L, 3, 3) frames of the segments that carry the points.
-
-    They are also the derivatives of the points w.r.t. their offsets.
-    """
+    """Return the (F, L, 3, 3) frames of the points' segments. They are the points' derivatives w.r.t. their offsets."""
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
 
@@ -275,11 +268,7 @@ class FingerGaps:
 
 
 def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
-    """Return how far the bones of different fingers overlap in (F, 21, 3) ``HAND_POINTS``.
-
-    Each bone is a capsule with the radius of its finger, scaled by the size of the palm. The overlap is ``r_a + r_b -
-    d``.
-    """
+    """Return the overlaps ``r_a + r_b - d`` of capsules around finger bones, for (F, 21, 3) ``HAND_POINTS``."""
     radius = np.repeat(RADIUS_M, 3)
     palm = np.linalg.norm(points[:, 9] - points[:, 0], axis=-1)[:, None]
     (a, b), (c, d) = (np.moveaxis(points[:, BONES[bones]], 2, 0) for bones in PAIRS)
@@ -301,9 +290,8 @@ def nearest_points(
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3"]]:
     """Return the nearest points of the segments a to b and c to d, as fractions (..., 2), and the vector between them.
 
-    The vector (..., 3) points from the second segment to the first.
-
-    Reference: Ericson 2004, "Real-Time Collision Detection", section 5.1.9.
+    The vector points from the second segment to the first. Reference: Ericson 2004, "Real-Time Collision Detection",
+    5.1.9.
     """
     u, v, w = b - a, d - c, a - c
     uu, vv = np.maximum((u * u).sum(-1), 1e-12), np.maximum((v * v).sum(-1), 1e-12)

@@ -61,11 +61,7 @@ def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
 
 
 def with_hand_size(body: Body, size: float) -> Body:
-    """Scale a body's hands by the factor ``size``: ``v + (size - 1) d`` with the ``hand_size_directions`` d.
-
-    Raises:
-        BodyInvalid: the size is not positive.
-    """
+    """Scale a body's hands by the factor ``size``: ``v + (size - 1) d`` with ``hand_size_directions`` d."""
     if not size > 0.0:
         raise BodyInvalid(f"The relative hand size is {size}, but a positive number is expected.", where=body.id)
     if size == 1.0:

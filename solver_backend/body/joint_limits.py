@@ -18,10 +18,7 @@ MARGIN_DEG = 15.0  # Tolerance at both ends, for differences between people (10 
 
 
 def excess_deg(local: Array) -> Array:
-    """Return the degrees (N, 21) by which joints 1..21 exceed their range plus margin, or 0 within it.
-
-    ``local`` are (N, 21, 3, 3) joint rotations.
-    """
+    """Return (N, 21) degrees by which rotations of joints 1..21 exceed their range plus margin, or 0 within it."""
     return _beyond(swing_and_twist(local) * (180.0 / np.pi), _LOW, _HIGH)
 
 

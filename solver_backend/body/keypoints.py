@@ -67,11 +67,7 @@ _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
 
 
 def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
-    """Return a detector's keypoints as landmarks on a body.
-
-    Raises:
-        BodyInvalid: a ray misses the skin.
-    """
+    """Return a detector's keypoints as landmarks on a body. Raise ``BodyInvalid`` if a ray misses the skin."""
     if joint_set is JointSet.SMPL_24:
         return joint_landmarks(body, SMPL)
     return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)
@@ -83,11 +79,7 @@ def keypoint_rules() -> dict[str, tuple[str, Rule]]:
 
 
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
-    """Return the joints of another layout as landmarks on this body.
-
-    Raises:
-        BodyInvalid: a joint has no counterpart on this body.
-    """
+    """Return another layout's joints as landmarks on a body. Raise ``BodyInvalid`` if one has no counterpart."""
     chosen = list(body.layout.standing_for(layout))
     one_hot = np.eye(body.layout.num_joints)[chosen]
     joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]

@@ -20,10 +20,7 @@ _LARGEST_BYTES = 1_000_000  # Size limit of the file in bytes, chosen by hand.
 
 
 def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:
-    """Write a file that assigns the recognised location to each label.
-
-    Unrecognised labels get null, which lets the solve find the bone. Labels that are not used get empty text.
-    """
+    """Write the recognised location of each label, null if it is unknown, or "" if the label is not used."""
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands])
     left_out, known = {*names.virtual, *names.doubled}, {**names.known, **hands}
@@ -35,8 +32,7 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
 def read_label_places(path: Path | str) -> dict[str, str]:
     """Read the location of each label from a file. Empty text excludes a marker, and null gives no entry.
 
-    A location is a marker name in the layouts, ``@`` and the joint of the marker's bone, or a hand location such as
-    ``L_FT2``.
+    A location is a name in the layouts, ``@`` and the joint of the marker's bone, or a hand location such as ``L_FT2``.
 
     Raises:
         FileMissing, FileDamaged: the file does not exist or has another format.

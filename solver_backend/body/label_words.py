@@ -49,11 +49,10 @@ class Sides:
         return None
 
     def glued(self, names: Sequence[str], letters: Letters) -> dict[str, tuple[str, str]]:
-        """Split labels that end in a side, as in ``ASISr`` or ``KNEli``, into side and name.
+        """Split labels that end in a side, as in ``ASISr`` or ``KNIEli``, into side and name.
 
         A single ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). Either the other
-        side's label must exist while no label ends in m, or ``LEAST_GLUED`` pairs must prove that the ending means a
-        side.
+        side's label must exist while no label ends in m, or ``LEAST_GLUED`` pairs must prove the meaning of the ending.
         """
         there, found = set(names), dict[str, tuple[str, str]]()
         shown: Counter[str] = Counter()
@@ -226,11 +225,7 @@ class LabelWords:
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Read the vocabulary from the contents of a layouts file.
-
-    Raises:
-        KeyError: a phrase contains an unknown word.
-    """
+    """Read the vocabulary from a layouts file's contents. Raise ``KeyError`` if a phrase has an unknown word."""
     vocabulary = {form: word for word, forms in values["words"].items() for form in (word, *forms)}
     phrases: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place, texts in values["phrases"].items():

@@ -97,8 +97,8 @@ _ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(1
 class _LandmarkPairs:
     """Pairs of a landmark and a joint that moves it.
 
-    In a whole pair, the joint rotates all of the landmark's bones. In the N other pairs it rotates only some of them,
-    or moves the landmark by a pose corrective.
+    In a whole pair, the joint rotates all of the landmark's bones. In the N other pairs, it rotates only some of them,
+    or adds a pose corrective.
     """
 
     whole: np.ndarray  # (3 L, 3 K) 1 for whole pairs.
@@ -127,11 +127,8 @@ def rotation_jacobian(
     ``r_lk = sum_{c below k} G_c h_lc``. This is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
     moves the rest point by ``D_k vec([d]x R_k)``.
 
-    Args:
-        points: (F, L, 3) posed landmarks.
-        levers: (L, J, 3) levers h for the body's shape.
-        correction: (F, L, 3) pose correctives in the rest pose, or None without correctives.
-        count: number of joints, including the root.
+    ``points`` are the posed landmarks, ``levers`` are h for the body's shape, and ``correction`` are the pose
+    correctives in the rest pose. ``count`` includes the root.
     """
     xp = array_namespace(points)
     pairs = _pairs(body.parents, landmarks, count)

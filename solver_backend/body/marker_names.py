@@ -331,10 +331,7 @@ def _parts(bare: Mapping[str, str]) -> dict[str, str]:
 
 
 def _to_the_left(cloud: MarkerCloud, pairs: Sequence[tuple[str, str]], labels: Sequence[str]) -> np.ndarray:
-    """Return the median distances in metres of markers to the left of the trunk's median plane.
-
-    The plane is given by pairs of a left and a right label.
-    """
+    """Return the median distances in metres of markers to the left of the plane between left and right labels."""
     column = {label: i for i, label in enumerate(cloud.labels or ())}
     left, right = (cloud.positions[:, [column[pair[side]] for pair in pairs]].mean(axis=1) for side in (0, 1))
     across = (left - right) / np.maximum(np.linalg.norm(left - right, axis=-1, keepdims=True), 1e-9)

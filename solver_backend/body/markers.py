@@ -26,11 +26,7 @@ MARKER_OFFSET_M = 0.0095  # Distance from a marker's centre to the skin: the rad
 
 
 def marker_layout(name: str) -> tuple[str, ...]:
-    """Return the marker names of a layout.
-
-    Raises:
-        KeyError: there is no such layout.
-    """
+    """Return the marker names of a layout. Raise ``KeyError`` if there is no such layout."""
     return load_layouts().layouts[name]
 
 
@@ -39,11 +35,8 @@ def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
     """Place markers by name 9.5 mm above the skin of a body, with pose correctives.
 
     ``@left_knee`` is the joint itself and moves with the bone below it. Joint centres (``=left_knee``) and keypoints
-    (``~left_knee``) are inside the body and move only with the bones.
-
-    Raises:
-        KeyError: a name is unknown.
-        BodyInvalid: a ray misses the mesh.
+    (``~left_knee``) are inside the body and move only with the bones. An unknown name raises ``KeyError``, and a ray
+    that misses the mesh raises ``BodyInvalid``.
     """
     inside = any(is_joint_centre(name) for name in names)
     return LandmarkBuilder(body, _rules_of(names, MARKER_OFFSET_M), correctives=not inside).build(names)

@@ -68,10 +68,7 @@ def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "t
 
 
 def _skinned(xp: Any, weights: Array, transforms: Array, rest: Array) -> Array:
-    """Return (f, V, 3) skinned points for f frames.
-
-    ``transforms`` are (f, J, 3, 4), and ``rest`` are (f, V, 3), or (1, V, 3) without correctives.
-    """
+    """Skin the points ``rest`` (f or 1, V, 3) with the transforms (f, J, 3, 4) of f frames, and return (f, V, 3)."""
     blend = xp.matmul(weights, xp.reshape(transforms, (*transforms.shape[:2], 12)))
     blend = xp.reshape(blend, (*blend.shape[:2], 3, 4))
     return xp.sum(blend[..., :3] * rest[..., None, :], axis=-1) + blend[..., 3]

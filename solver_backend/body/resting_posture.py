@@ -27,10 +27,10 @@ ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}  # The same ratio along the trunk, 
 def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple[str, ...]) -> np.ndarray:
     """Replace the local rotations of the given body parts by a relaxed posture.
 
-    The trunk is upright on the pelvis, and the head on the trunk. In the chest's axes (left, up, front), an upper arm
-    hangs in the direction ``(o, -(max(-g_y, 0) + k), max(g_z, 0))``. g is gravity in these axes, o points outwards, and
-    k is ``ALONG_TRUNK``. The arm points down while the trunk leans forward, and never through or behind the trunk.
-    Thighs hang from the pelvis in the same way.
+    The trunk is upright on the pelvis, and the head on the trunk. An upper arm hangs in the direction
+    ``(o, -(max(-g_y, 0) + k), max(g_z, 0))`` in the chest's axes (left, up, front), where g is gravity in these axes
+    and o points outwards. It points down while the trunk leans forward, and never through or behind the trunk. Thighs
+    hang from the pelvis in the same way.
 
     Args:
         root: (F, 3, 3) body to world, Z up.

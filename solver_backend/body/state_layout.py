@@ -10,8 +10,7 @@ import numpy as np
 
 CODE, ROOT, TRANSL, UNCOVERED, RESIDUAL = "code", "root", "transl", "uncovered", "residual"
 """Blocks of a state: the prior's code, the root's left rotation (world), the translation, the rotation vectors of
-joints without a prior, and residual rotation vectors of joints with a prior.
-"""
+joints without a prior, and residual rotation vectors of joints with a prior."""
 
 
 @dataclass(frozen=True)

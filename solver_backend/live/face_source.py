@@ -56,11 +56,7 @@ class FacePacket(NamedTuple):
 
 
 def decode_live_link(packet: bytes) -> FacePacket:
-    """Decode a packet from Live Link Face.
-
-    Raises:
-        FacePacketInvalid: the packet is truncated, or not from this app.
-    """
+    """Decode a packet from Live Link Face. Raise ``FacePacketInvalid`` if it is anything else."""
     if packet[:1] != bytes([VERSION]):
         raise FacePacketInvalid(f"it does not begin with the version {VERSION}")
     at = 1
@@ -89,11 +85,7 @@ def decode_live_link(packet: bytes) -> FacePacket:
 
 
 def decode_ifacialmocap(packet: bytes) -> FacePacket:
-    """Decode a packet from iFacialMocap or Facemotion3D.
-
-    Raises:
-        FacePacketInvalid: the packet is not a list of names and values.
-    """
+    """Decode a packet from iFacialMocap. Raise ``FacePacketInvalid`` if it is anything else."""
     try:
         text = packet.decode("utf-8")
     except UnicodeDecodeError as error:

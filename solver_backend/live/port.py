@@ -31,9 +31,7 @@ Ask = Callable[[socket.socket], None]  # Asks a sender through our socket to sta
 def listen(
     address: VmcAddress, assembly: OneSender[Any, Frame], ask: Ask = lambda _: None
 ) -> Generator[Frame | EventLine, None, None]:
-    """Receive packets on a UDP port, and yield frames and events as they arrive.
-
-    While another program uses the port, wait. ``ask`` may send a request to the sender.
+    """Receive packets on a UDP port, and yield frames and events. While another program uses the port, wait.
 
     Raises:
         CommandLineInvalid: this machine does not have the address.
@@ -159,10 +157,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         return True
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
-        """Decode a packet, and yield the frames that it completes.
-
-        ``arrived`` is the ``time.perf_counter()`` of its arrival.
-        """
+        """Yield the frames that a packet completes. ``arrived`` is its arrival by ``time.perf_counter()``."""
         second, invalid = self.words
         other = sender != self._sender
         if other and arrived - self._heard < SENDER_GONE_S:  # before decoding, because another sender may never stop

@@ -36,11 +36,7 @@ class PoseSender:
         self._packets = PacketSender(address)
 
     def watched(self, lines: Iterable[LiveLine]) -> Iterator[LiveLine]:
-        """Send the pose in each line, then yield the line.
-
-        Raises:
-            MotionInvalid: the body is not supported.
-        """
+        """Send the pose in each output line, then yield the line. Raise MotionInvalid if the body is not supported."""
         for line in lines:
             if "event" in line:
                 if line["event"] in ("shape", "fingers"):
@@ -79,10 +75,7 @@ class PoseSender:
 
 
 def pose_values(rotvec: np.ndarray, transl: np.ndarray) -> PoseValues:
-    """Convert a pose to the values of an output line, rounded to 1 µrad and 1 µm.
-
-    ``rotvec`` are (J, 3) rotation vectors, and ``transl`` (3,) is in metres.
-    """
+    """Convert rotation vectors (J, 3) and metres (3,) to an output line's values, rounded to 1 µrad and 1 µm."""
     root, pose, trans = (np.round(part, 6).ravel().tolist() for part in (rotvec[0], rotvec[1:], transl))
     return {"root": root, "pose": pose, "trans": trans}
 

@@ -36,10 +36,7 @@ Fit = TypeVar("Fit", bound=PersonFollower)
 
 
 class SessionLoop(ABC, Generic[Shown, Fit]):
-    """Base class of a live session for one person. It manages clock, restarts, output lines and events.
-
-    Subclasses fit the body to each moment, which is a frame of points or the detections of all views.
-    """
+    """Base class of a live session for one person: clock, restarts and output lines. Subclasses fit each moment."""
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
@@ -225,8 +222,7 @@ _CLEARLY = 0.08  # Smallest increase in certainty that justifies an up axis othe
 _UPRIGHT = 0.1
 """Weight of the evidence that a person is standing, in the certainty of an up axis (see ``up_axis_of``). In eight
 recorded takes, the true axis scores between 0.001 below and 0.21 above the next best one. Along wrong axes, the head is
-at most 0.16 trunk lengths above the pelvis.
-"""
+at most 0.16 trunk lengths above the pelvis."""
 _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in ("head", "pelvis"))
 
 
@@ -240,9 +236,8 @@ def unit_of(points: np.ndarray) -> str | None:
 def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
     """Find the up axis for which marker labels are most certain. It is Z unless another axis is clearly better.
 
-    The score is ``mean p + w max(0, u)``, where p is a point's highest label probability, w is ``_UPRIGHT``, and u is
-    the height of the head above the pelvis in trunk lengths. The network is almost as certain about lying people, so u
-    is needed.
+    The score is ``mean p + w max(0, u)``, where p is a point's highest label probability and u is the height of the
+    head above the pelvis in trunk lengths. The network is almost as certain about lying people, so u is needed.
     """
     sure = {}
     for axis in AXES:
@@ -425,11 +420,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
 
 
 def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
-    """Load the labelling network, and create the fit for a calibrated or an average person.
-
-    Raises:
-        FileMissing, SubjectInvalid: the subject file is missing or invalid.
-    """
+    """Load the network, and create the fit for a calibrated or average person. Raise FileMissing or SubjectInvalid."""
     network = load_network()
     if subject is None:
         return network, fit_average_person()

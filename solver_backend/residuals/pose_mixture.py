@@ -109,8 +109,8 @@ class PoseMixtureTerm:
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the cost at (F, J, 3, 3) rotations with its derivatives, and (F, K) factors for the Hessian.
 
-        With the posterior component weights r_k: ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx = J_l(x)⁻¹
-        δ``.
+        With the posterior component weights r_k: ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and
+        ``dx = J_l(x)⁻¹ δ``.
         """
         xp = array_namespace(local)
         mixture, count = self.mixture, local.shape[0]

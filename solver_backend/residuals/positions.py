@@ -71,8 +71,8 @@ class PositionTerm(Rows):
 class RelativePositionTerm:
     """Term for measured positions that have an unknown common shift t in each frame.
 
-    ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``. The best shift is ``t = S⁻¹ Σ_i W_i (y_i -
-    m_i)`` with ``S = Σ_i W_i``. It is not penalised.
+    ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``. The best shift is
+    ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i``. It is not penalised.
     """
 
     positions: Array  # (F, L, 3) metres, finite everywhere.

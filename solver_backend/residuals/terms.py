@@ -86,8 +86,8 @@ class DataTerm(PointTerm, Protocol):
     def leverage(self, points: Array, used: Array) -> Array:
         """Return the (V, F, L) leverage of each view on a point that is fitted to all used views.
 
-        Leverage is the share of a view's error that enters the fitted point, the mean diagonal of the hat matrix: ``h_v
-        = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
+        Leverage is the share of a view's error that enters the fitted point, the mean diagonal of the hat matrix:
+        ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
         """
         ...
 

@@ -11,10 +11,8 @@ from solver_backend.solver.line_search import StepTrial, WolfeSettings, strong_w
 from solver_backend.solver.manifolds import Manifold, State
 
 Objective = Callable[[State], tuple[Any, State]]
-"""Function that maps a state to its cost and gradient.
-
-The gradient is ambient (derivatives w.r.t. the state's entries) or tangent.
-"""
+"""Function that maps a state to its cost and gradient. The gradient is ambient (derivatives w.r.t. the state's entries)
+or tangent."""
 
 
 @dataclass(frozen=True)

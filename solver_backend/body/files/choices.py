@@ -41,10 +41,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
 
 
 def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
-    """Return the (r, 3) axis-angles of the relaxed fingers for the r joints that a solve leaves at rest.
-
-    They are 0 for the jaw and the eyes.
-    """
+    """Return the (r, 3) axis-angles of the joints at rest during a solve: relaxed fingers, 0 for jaw and eyes."""
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
@@ -86,11 +83,7 @@ def list_bodies() -> tuple[BodyChoice, ...]:
 
 
 def resolve_body(choice: str) -> Path:
-    """Return the file path for a body's name or path.
-
-    Raises:
-        BodyUnknown: there is no such body.
-    """
+    """Return the file path for a body's name or path. Raise ``BodyUnknown`` if there is no such body."""
     if is_path(choice):
         path = Path(os.path.expanduser(choice))
         if not os.path.isfile(path):

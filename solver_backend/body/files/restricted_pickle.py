@@ -39,11 +39,7 @@ class NamedDtype:
     order: Literal["<", ">", "=", "|"] = "="
 
     def dtype(self) -> np.dtype:
-        """Return the NumPy type, if it is for plain numbers or text.
-
-        Raises:
-            Damage: the type is for objects or structures.
-        """
+        """Return the NumPy type. Raise ``Damage`` unless it is for plain numbers or text."""
         if not _SIMPLE_DTYPE.fullmatch(self.spec):
             raise Damage(f"an array has the type {self.spec!r}, but plain numbers are expected")
         dtype = np.dtype(self.spec)
@@ -57,11 +53,7 @@ class UnbuiltArray:
 
 
 def finished(value: Any) -> Any:
-    """Replace a filled array, or filled arrays in a dictionary, by NumPy arrays.
-
-    Raises:
-        Damage: an array was never filled.
-    """
+    """Replace a filled array, or filled arrays in a dictionary, by NumPy arrays."""
     if isinstance(value, UnbuiltArray):
         if value.values is None:
             raise Damage("an array has no values")
@@ -72,11 +64,7 @@ def finished(value: Any) -> Any:
 
 
 def array_of(shape: Any, dtype: Any, by_columns: Any, data: Any) -> np.ndarray:
-    """Build an array of plain numbers from its pickled state.
-
-    Raises:
-        Damage: the shape, type and bytes do not match, or the type is not plain.
-    """
+    """Build an array of plain numbers from its pickled state, after checking its consistency."""
     if not isinstance(dtype, NamedDtype) or not isinstance(shape, tuple) or len(shape) > MAX_DIMENSIONS:
         raise Damage("an array's state is not valid")
     if not all(isinstance(size, int) and 0 <= size < 2**40 for size in shape):
@@ -160,10 +148,7 @@ class Dialect:
 
 
 class Machine:
-    """Interpreter that builds plain values from one pickle.
-
-    Objects of the dotted ``classes`` become placeholders. Any other class or function is refused.
-    """
+    """Interpreter for one pickle. Objects of the dotted ``classes`` become placeholders, and no code is run."""
 
     def __init__(
         self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None
@@ -255,10 +240,7 @@ class Machine:
         return self._stack[-1]
 
     def _fill(self, values: list[Any]) -> None:
-        """Fill the dictionary on top of the stack. Only text, bytes and whole numbers are accepted as keys.
-
-        Other keys may be costly to hash.
-        """
+        """Fill the dictionary on top of the stack. Keys must be text, bytes or numbers, which hash fast."""
         target = self._top(dict)
         for key, value in zip(values[::2], values[1::2], strict=True):
             if not isinstance(key, str | bytes | int | np.integer):
