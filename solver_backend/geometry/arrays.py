@@ -94,8 +94,7 @@ def identity(size: int, like: Array, dtype: Any = None) -> Array:
 def unset(shape: tuple[int, ...], like: Array) -> Array:
     """Return an uninitialised array for large results, of the same kind, type and device as ``like``.
 
-    NumPy allocates large arrays on the CPU in huge pages. The first write to torch's small pages takes five times as
-    long.
+    On the CPU, NumPy allocates it in huge pages. The first write to torch's small pages takes five times as long.
     """
     if device_of(like) is not None:
         return empty(shape, like)

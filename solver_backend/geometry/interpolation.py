@@ -82,10 +82,7 @@ def is_antipodal(z: Array) -> Array:
 
 
 def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return a (..., d) unit vector orthogonal to the unit vector ``a`` (..., d).
-
-    It is the projection of the coordinate axis along which ``a`` has its smallest entry.
-    """
+    """Return a unit vector orthogonal to ``a`` (..., d): the projected axis of the smallest entry of ``a``."""
     xp = array_namespace(a)
     smallest = xp.argmin(xp.abs(a), axis=-1)
     axis = xp.stack([xp.astype(smallest == i, a.dtype) for i in range(a.shape[-1])], axis=-1)

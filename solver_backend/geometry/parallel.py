@@ -49,8 +49,7 @@ def _collected(results: Iterable[Result], done: Callable[[int], None]) -> list[R
 def usable_cores() -> int:
     """Return the number of cores that this process may use, at most ``MANIFOLD_MOCAP_THREADS``.
 
-    Batch jobs pin their solvers to cores, and containers limit cores. More threads than cores would evict each other's
-    cache.
+    Batch jobs and containers limit the cores of a process. More threads than cores would evict each other's cache.
 
     Raises:
         CommandLineInvalid: the environment variable is not a positive whole number.

@@ -59,8 +59,7 @@ def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
 def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     """Convert (..., 3, 3) rotations to (..., 4) unit quaternions with ``w >= 0``.
 
-    Of the four rows of ``4 q qᵀ``, the one with the largest diagonal entry is normalised. This avoids a division by a
-    small number.
+    The row of ``4 q qᵀ`` with the largest diagonal entry is normalised, which avoids a division by small numbers.
 
     Reference: Shepperd 1978, "Quaternion from rotation matrix".
     """
@@ -164,7 +163,6 @@ def left_jacobian_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]
     """Return the left Jacobians J (..., 3, 3), for which ``exp(v + dv) ≈ exp(J dv) exp(v)``.
 
     ``J = I + (1 - cosθ)/θ² [v]x + (θ - sinθ)/θ³ [v]x²`` with ``θ = |v|``.
-
     Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2", eq. 10.86.
     """
     return _polynomial(v, *_coefficients(v, 1, 2))
@@ -251,7 +249,6 @@ def _coefficients(v: Array, *wanted: int) -> list[Array]:
 
 
 def _horner(x: Array, coefficients: tuple[float, ...]) -> Array:
-    """Evaluate the polynomial ``Σ c_k x^k``."""
     total = coefficients[-1] * array_namespace(x).ones_like(x)
     for c in reversed(coefficients[:-1]):
         total = total * x + c
