@@ -81,10 +81,7 @@ class DenseBlocks:
 
 @dataclass(frozen=True)
 class Arrowhead:
-    """Normal equations of B blocks with n unknowns each, which are coupled only through m shared unknowns.
-
-    The shared unknowns are solved first, from their Schur complement.
-    """
+    """Normal equations of B blocks with m shared unknowns, which are solved first from their Schur complement."""
 
     blocks: Array  # (B, n, n).
     coupling: Array  # (B, n, m).
