@@ -31,10 +31,7 @@ class LandmarkLoss(Protocol):
         ...
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost of (F, L) squared distances, in units of the initial variances.
-
-        ``seen`` (F, L) masks the measured landmarks, and ``own`` (F, n) contains the loss's own unknowns.
-        """
+        """Return the cost of (F, L) squared distances in initial variances, for the loss's unknowns ``own`` (F, n)."""
         ...
 
 

@@ -57,10 +57,7 @@ def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarra
 
 @lru_cache(maxsize=8)
 def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
-    """Load the mixture's marginal distribution over the joints that both the mixture and the pose have.
-
-    The stored covariances are widened by ``WIDENING_RAD``.
-    """
+    """Load the stored mixture's marginal over the joints that the pose also has, widened by ``WIDENING_RAD``."""
     weights, means, factors, _ = read_mixture()
     shared = [name for name in joints if name in BODY_JOINTS]
     theirs, own = (
@@ -85,8 +82,8 @@ def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
 class PoseMixtureTerm:
     """Term that draws poses to a Gaussian mixture of recorded poses.
 
-    ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q``. x are the rotation vectors of all J joints, and x_c the
-    rotation vectors of the n joints in the mixture.
+    ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q``, with x the rotation vectors of J joints, and x_c of n
+    joints.
     """
 
     mixture: PoseMixture = field(default_factory=load_pose_mixture)  # Peaks a, means μ, precisions P and columns c.
@@ -109,8 +106,7 @@ class PoseMixtureTerm:
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the cost at (F, J, 3, 3) rotations with its derivatives, and (F, K) factors for the Hessian.
 
-        With the posterior component weights r_k: ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and
-        ``dx = J_l(x)⁻¹ δ``.
+        ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)`` with posterior weights r_k, plus Q x, and ``dx = J_l(x)⁻¹ δ``.
         """
         xp = array_namespace(local)
         mixture, count = self.mixture, local.shape[0]

@@ -71,8 +71,8 @@ class PositionTerm(Rows):
 class RelativePositionTerm:
     """Term for measured positions that have an unknown common shift t in each frame.
 
-    ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``. The best shift is
-    ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i``. It is not penalised.
+    ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``. The best shift is not penalised. It is
+    ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i``.
     """
 
     positions: Array  # (F, L, 3) metres, finite everywhere.
@@ -93,10 +93,7 @@ class RelativePositionTerm:
         return RelativePositionTerm(astype(self.positions, precision), astype(self.precision, precision), self.share)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the cost at (F, L, 3) positions with its derivatives.
-
-        The information still includes the common shift, which ``without_shift`` removes.
-        """
+        """Return the cost at (F, L, 3) positions with its derivatives. ``without_shift`` corrects the information."""
         xp = array_namespace(points)
         off = points - self.positions
         pulled = xp.matmul(self.precision, off[..., None])[..., 0]

@@ -17,10 +17,7 @@ from solver_backend.types import Cameras, Keypoints2D
 
 @dataclass(frozen=True)
 class ReprojectionTerm:
-    """Term ``1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` (Albanis 2026, eq. 6.8).
-
-    pi projects landmark y_i into a camera, and k_i is the keypoint detected there with confidence c_i.
-    """
+    """Term ``1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` of reprojection errors (Albanis 2026, eq. 6.8)."""
 
     cameras: CameraArrays
     xy: Array  # (C, F, L, 2) px, finite, arbitrary where the weight is 0.

@@ -50,10 +50,7 @@ class PointTerm(FrameTerm, Protocol):
     """Term of the objective that depends on landmark positions."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the cost at (F, L, 3) positions with its derivatives.
-
-        ``scale`` is the robust scale in standard deviations.
-        """
+        """Return the cost at (F, L, 3) positions with its derivatives, at a robust ``scale`` in deviations."""
         ...
 
 
@@ -84,10 +81,9 @@ class DataTerm(PointTerm, Protocol):
         ...
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the (V, F, L) leverage of each view on a point that is fitted to all used views.
+        """Return the (V, F, L) leverage of each view, the share of its error that enters a point fitted to all views.
 
-        Leverage is the share of a view's error that enters the fitted point, the mean diagonal of the hat matrix:
-        ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
+        It is the mean diagonal of the hat matrix: ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
         """
         ...
 
