@@ -18,12 +18,9 @@ _LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit in 32-bit integ
 
 @dataclass(frozen=True)
 class CameraPath:
-    """Motion of a moving camera rig in F frames: ``x_start = R @ x_world + t``.
+    """Motion in F frames of cameras that are fixed to each other: ``x_start = R @ x_world + t``."""
 
-    All cameras move together, and ``x_start`` are coordinates in the rig's axes.
-    """
-
-    R: Any  # (F, 3, 3) rotations from the world to the rig's axes.
+    R: Any  # (F, 3, 3) rotations from the world to the axes to which the cameras are fixed.
     t: Any  # (F, 3) translations in metres.
 
     def __len__(self) -> int:

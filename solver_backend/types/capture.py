@@ -43,10 +43,7 @@ UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an undetected poi
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Stack the hands of several people along a new axis, with NaN for people without hands.
-
-    Return None if nobody has hands.
-    """
+    """Stack several people's hands along a new axis, with NaN for people without. Return None if all have none."""
     like = next((hand for hand in hands if hand is not None), None)
     if like is None:
         return None
@@ -283,8 +280,7 @@ class Capture:
         """Return the cameras and keypoints of a capture with one or more views.
 
         Raises:
-            TooFewViews: the capture has no calibrated 2D keypoints.
-            NoDetections: no person was detected, or no two of several cameras detect a keypoint in the same frame.
+            TooFewViews, NoDetections: there are none, or no two of several cameras detect a keypoint in the same frame.
         """
         cameras, keypoints = self._require_detections()
         return (cameras, keypoints) if self.is_one_view else self.require_multiview()
@@ -315,11 +311,7 @@ class Capture:
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:
-        """Select another person of the recording, by name or by number from 1.
-
-        Raises:
-            PersonUnknown: the capture has no such person.
-        """
+        """Select another person of the recording by name or number. Raise PersonUnknown if there is none."""
         wanted = name.strip().casefold()
         for number, person in enumerate(self.people, 1):
             if wanted in (person.name.casefold(), str(number)):

@@ -118,11 +118,7 @@ class Motion:
         return self.joints[:, own], np.asarray(truth)[:, theirs], tuple(layout.joints[j] for j in theirs)
 
     def require_body(self, body: str, layout: BodyLayout, where: str) -> None:
-        """Check that the motion is for this body and has the layout's joints.
-
-        Raises:
-            MotionInvalid: the motion is for another body or layout.
-        """
+        """Check that the motion is for this body and layout. Raise MotionInvalid otherwise."""
         self.body_layout.require_same_joints(layout, where)
         if self.body != body:
             hint = "Use the body that the motion was solved with."

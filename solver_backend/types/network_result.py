@@ -15,10 +15,7 @@ CAMERA_TO_Z_UP = Y_UP_TO_Z_UP @ np.diag([1.0, -1.0, -1.0])  # From a level camer
 
 @dataclass(frozen=True)
 class NetworkResult:
-    """Motion of one person in F frames, estimated by a network from one video.
-
-    The result contains joint rotations, or points in camera axes (X right, Y down, Z forward).
-    """
+    """Motion of one person, from a network: rotations, or points in camera axes (X right, Y down, Z forward)."""
 
     program: str
     person: str
