@@ -16,11 +16,7 @@ Expected = tuple["int | str | EllipsisType", ...]  # Sizes, or names for any siz
 
 
 def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
-    """Convert both arrays to float64 and check that they have the same, expected shape.
-
-    Raises:
-        ShapeMismatch: the shapes differ from each other or from the expected one.
-    """
+    """Convert both arrays to float64. Raise ``ShapeMismatch`` if their shapes differ or are not as expected."""
     found, truth = np.asarray(found, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     if found.shape != truth.shape:
         message = f"Arrays of shapes {found.shape} and {truth.shape} cannot be compared."
@@ -29,11 +25,7 @@ def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tupl
 
 
 def has_shape(values: np.ndarray, expected: Expected, name: str = "The array") -> np.ndarray:
-    """Convert the array to float64 and check its shape.
-
-    Raises:
-        ShapeMismatch: the array does not have the expected shape.
-    """
+    """Convert the array to float64. Raise ``ShapeMismatch`` if it does not have the expected shape."""
     values = np.asarray(values, dtype=np.float64)
     free = bool(expected) and expected[0] is ...
     fixed = expected[1:] if free else expected
@@ -91,8 +83,9 @@ def rmse_mm(found: Points, truth: Points) -> float:
 def pa_mpjpe_mm(found: Points, truth: Points) -> float:
     """Return the mean distance in mm after aligning each frame to the truth by a similarity (PA-MPJPE).
 
-    Points (..., N, 3) that are missing on either side are excluded. Frames with fewer than three common points are also
-    excluded. Reference: Umeyama 1991 (the alignment).
+    Points (..., N, 3) missing on either side are excluded, and frames with fewer than three common points too.
+    Reference:
+    Umeyama 1991 (the alignment).
     """
     found, truth = same_shape(found, truth, POINTS)
     found, truth = found.reshape(-1, *found.shape[-2:]), truth.reshape(-1, *truth.shape[-2:])
@@ -132,9 +125,8 @@ def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> fl
 def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
     """Return PCK: the percentage of points (..., N, 3) within ``threshold_m`` of the truth, without alignment.
 
-    Missing points count as wrong if their truth is known. Points without truth are excluded. The thesis (6.3.4, eq.
-    4.29) reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of
-    parts".
+    Missing points with a known truth count as wrong. Points without truth are excluded. The thesis (6.3.4, eq. 4.29)
+    reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts".
     """
     distance = distances_m(found, truth)
     known = np.isfinite(truth).all(-1)
@@ -251,8 +243,7 @@ def frechet_distance(generated: Features, real: Float[np.ndarray, "others featur
 def diversity(features: Features, seed: int) -> float:
     """Return the diversity (DIV): the mean distance between random pairs of (N, D) features.
 
-    One half of the features is paired with the other half, and an odd last sample is excluded. The thesis (eqs. 4.31,
-    6.12) pairs 526 of 1,052 generated poses with the other 526.
+    One half is paired with the other half. The thesis (eqs. 4.31, 6.12) pairs 526 and 526 generated poses.
 
     Raises:
         ShapeMismatch: the features are not an (N, D) array, or contain NaN.
