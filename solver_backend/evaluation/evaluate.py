@@ -57,10 +57,9 @@ def bridged(points: np.ndarray) -> np.ndarray:
 def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
     """Filter a signal (F, ...) along its frames with a zero-phase fourth-order Butterworth low-pass filter.
 
-    A second-order filter runs forwards and then backwards over the signal, which is extended by point reflection at
-    both ends. Its cut-off is corrected so that both passes together are 3 dB down at ``cutoff_hz`` (Winter 2009,
-    "Biomechanics and Motor Control", 3.4). Signals of fewer than four frames are returned unchanged, as are all signals
-    if the cut-off is at least 0.45 ``fps``.
+    A second-order filter runs forwards and then backwards over the signal, which is extended by point reflection. Its
+    cut-off is corrected so that both passes together are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics and
+    Motor Control", 3.4). A signal that is too short or has too low a frame rate is returned unchanged.
     """
     if len(signal) < 4 or cutoff_hz >= 0.45 * fps:
         return signal.copy()
@@ -80,10 +79,7 @@ def _second_order_section(w: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarray:
-    """Filter a signal (F, ...) with one second-order section.
-
-    The filter starts as if the first sample had lasted forever, which avoids a transient.
-    """
+    """Filter a signal with one second-order section, which starts in the steady state of the first sample."""
     b, a = section
     out = np.empty_like(signal)
     x1 = x2 = y1 = y2 = signal[0]
@@ -337,7 +333,6 @@ def _of_keypoints(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_markers(capture: Capture, motion: Motion) -> dict[str, float]:
-    """Return the marker error if motion and capture have the same markers and labels."""
     truth, recorded = capture.truth.get("markers"), capture.markers
     same = recorded is not None and motion.marker_labels == recorded.labels and motion.markers is not None
     if truth is None or not same or motion.markers is None or motion.markers.shape != np.shape(truth):
