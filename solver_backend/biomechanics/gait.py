@@ -128,7 +128,6 @@ def in_ground(points: np.ndarray) -> np.ndarray:
 def _events_of_foot(
     heel: np.ndarray, toes: np.ndarray, pelvis: np.ndarray, forward: np.ndarray, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times of foot strikes and toe-offs in seconds, given (F, 3) points with Y up."""
     strikes, offs, last = [], [], len(heel) - 1
     if last < 2:
         return np.zeros(0), np.zeros(0)
@@ -153,7 +152,7 @@ def _events_of_foot(
 
 
 def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
-    """Return the fractional frame in which the heel stops falling after frame ``first``, or an empty list."""
+    """Return the fractional frame after ``first`` when the heel stops falling, or an empty list."""
     part = fall[first : first + int(LANDING_S * fps) + 1]
     landed = np.flatnonzero((part[:-1] < -LANDING_M_S) & (part[1:] >= -LANDING_M_S))
     return [first + int(k) + float((-LANDING_M_S - part[k]) / (part[k + 1] - part[k])) for k in landed[:1]]

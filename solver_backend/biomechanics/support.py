@@ -82,7 +82,6 @@ def find_support(motion: Motion, body: Body) -> Support | None:
 
 
 def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the (S, 3) centroids of the volumes inside closed meshes (S, V, 3)."""
     found = np.empty((len(skin), 3))
     for k, points in enumerate(skin):
         middle = points.mean(axis=0)
