@@ -130,7 +130,6 @@ _KEYPOINT_PARTS = {"arm": "shoulder elbow wrist", "leg": "hip knee ankle heel bi
 
 
 def _limbs_of(names: Sequence[str], parts: Mapping[str, str], sides: Mapping[str, str]) -> dict[str, list[int]]:
-    """Return the rows of each limb's names, given the names of its parts and the prefix of each side."""
     return {
         f"{side} {limb}": [row for row, name in enumerate(names) if name in {f"{prefix}{p}" for p in words.split()}]
         for limb, words in parts.items()
