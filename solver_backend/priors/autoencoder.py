@@ -203,7 +203,6 @@ class PoseAutoencoder(AutoencodingPrior):
         return self._stacks(features)[0](features)
 
     def _encoded_rotvecs(self, rotations: Array) -> Array:
-        """Return the encoder's output for poses (N, 21, 3, 3), which are passed to it as rotation vectors."""
         check_rotations(rotations)
         features = array_namespace(rotations).reshape(log_so3(rotations), (rotations.shape[0], 3 * NUM_BODY_JOINTS))
         return self._encoded(features)

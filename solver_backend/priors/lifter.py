@@ -41,7 +41,7 @@ class Lifted:
 
 @dataclass(frozen=True)
 class TrunkFrame:
-    """Coordinate frames of a person's trunk in F frames: ``x_world = R x + origin``."""
+    """Coordinate axes of a person's trunk in F frames: ``x_world = R x + origin``."""
 
     R: Array  # (F, 3, 3): x to the person's left, y up the spine, z to the front.
     origin: Array  # (F, 3) centre of shoulders and hips in metres.

@@ -230,7 +230,6 @@ class PoseField:
 
 
 def _side_by_side(features: list[Array]) -> Array:
-    """Combine the features (n, N, l) of all levels into (N, 21 l)."""
     xp = array_namespace(features[0])
     return xp.reshape(xp.permute_dims(xp.concat(features, axis=0), (1, 0, 2)), (features[0].shape[1], -1))
 
