@@ -116,7 +116,7 @@ def with_head_forward(
 ) -> np.ndarray:
     """Return each chain's label, with the head's labels rotated by quarter turns if the head faces sideways.
 
-    If a head is as wide as it is long, its distances also fit after a quarter turn. A head with a user-assigned label
+    If a head is wider than long, its distances also fit after a quarter turn. A head with a user-assigned label
     (``bound``, by chain) does not change.
     """
     if any(label in AROUND for label in bound.values()):

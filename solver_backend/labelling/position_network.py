@@ -17,7 +17,7 @@ from solver_backend.labelling.outputs import LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import CloudReading, LandmarkNetwork, load_network, lower_median
 
 SIGMA_M, GHOST_M = 0.03, 0.09
-"""Standard deviation (m) of a point around its marker, and distance from all markers at which a point is not a marker.
+"""Standard deviation (m) of a point around its marker, and distance to all markers beyond which a point is none.
 Chosen by hand."""
 
 
