@@ -1,4 +1,4 @@
-"""Fit motions to measurements."""
+"""Solve motions from measurements."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ _HOMES = {
     "fitters.pipeline": ("resolve_range", "solve", "solve_problem"),
     "fitters.problem": ("Problem", "Solution"),
 }
-"""Public names by module. Modules are imported on first use, so that the settings can be read quickly."""
+"""Public names by module. The modules are imported on first use, so that settings load quickly."""
 
 
 def __getattr__(name: str) -> Any:

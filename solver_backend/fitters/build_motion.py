@@ -28,7 +28,7 @@ def flagged(
     lost: np.ndarray | None = None,
     resting: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return (F,) bit flags for the frames.
+    """Return (F,) bit flags that mark doubtful frames.
 
     Args:
         normalised: (C, F, K) residuals in standard deviations, NaN where undetected.
@@ -59,7 +59,7 @@ def _loose(sigma: np.ndarray, resting: np.ndarray | None) -> np.ndarray:
 
 
 def _far(normalised: np.ndarray) -> np.ndarray:
-    """Return an (F,) mask of frames whose median residual is far above the take's median."""
+    """Return an (F,) mask of frames with a median residual far above the take's median."""
     frames = normalised.shape[1]
     ordered = np.sort(normalised.swapaxes(0, 1).reshape(frames, -1), axis=1)  # missing values come last
     count = np.isfinite(ordered).sum(axis=1)
@@ -73,7 +73,7 @@ def _far(normalised: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PosedTake:
-    """Poses and joints of a body over the whole take."""
+    """Body of a whole take, posed as solved: landmarks, joints and residuals."""
 
     subject: Subject
     points: np.ndarray  # (F, L, 3) landmarks in metres, in the poses that explain the measurements.
@@ -83,7 +83,7 @@ class PosedTake:
 
     @classmethod
     def of(cls, measurements: Measurements, solved: SolvedFrames) -> PosedTake:
-        """Pose the body, one block of frames at a time."""
+        """Pose the body in all frames. Blocks of frames limit memory use."""
         parts = []
         for start in range(0, len(solved.frames.transl), BLOCK_POSES):
             part = slice(start, start + BLOCK_POSES)
@@ -98,7 +98,7 @@ class PosedTake:
 
     @property
     def offsets(self) -> np.ndarray:
-        """(L, 3) landmark offsets in metres."""
+        """(L, 3) calibrated landmark offsets in metres."""
         return to_numpy(self.subject.offsets)
 
 
@@ -110,7 +110,7 @@ def build_motion(
     scale: float,
     provenance: dict[str, Any],
 ) -> Motion:
-    """Build the motion of F solved frames, including the results of ``layers``."""
+    """Build the motion of F solved frames, and add the results of ``layers``, such as hands."""
     subject, frames, posed = solved.subject, solved.frames, PosedTake.of(measurements, solved)
     reprojection_px, statistics = measurements.source.report(posed.points)
     outliers = posed.deviations[np.isfinite(posed.deviations)] > 2 * scale

@@ -1,4 +1,4 @@
-"""Label a take from another take with the same person and layout."""
+"""Label a take by comparing it with another take of the same person and layout."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LEAST_SEEN = 10  # Smallest number of frames in which the labelled take shows a 
 def labelled_like(
     capture: Capture, like: Capture, progress: Progress = silent, network: PointNetwork | None = None
 ) -> tuple[Capture, LikeTake]:
-    """Label a capture's points with the marker names in another take.
+    """Label a capture's points with the marker names of another take.
 
     Raises:
         NoDetections: a take has no markers, or no frame has enough of them.
@@ -63,7 +63,7 @@ def labelled_like(
 
 
 def worn(cloud: MarkerCloud) -> MarkerCloud:
-    """Return the named markers in a labelled take, without rare and computed ones."""
+    """Select the named markers of a labelled take. Rare and computed markers are excluded."""
     labels = cloud.labels or ()
     virtual = set(name_markers([label for label in labels if not is_unnamed(label)]).virtual)
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
@@ -75,7 +75,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Return the (F, N) reference columns that the network proposes for the points, or None if it fails."""
+    """Return the reference column (F, N) that the network proposes for each point, or None if labelling fails."""
     try:
         network = network or load_network()
         column = _columns(reference, network)
@@ -88,7 +88,7 @@ def _proposed(
 
 
 def _columns(reference: MarkerCloud, network: PointNetwork) -> np.ndarray:
-    """Return the reference column of each marker that the network knows, or -1 if there is none.
+    """Return the reference column of each marker that the network knows, or -1.
 
     If the labels identify too few markers, the network also labels the reference's points.
     """
@@ -115,7 +115,7 @@ def labelled_as_person(
     *,
     kept: Collection[str] = (),
 ) -> Capture:
-    """Label a capture with a person's markers. Names in ``kept`` do not change.
+    """Label a capture with the marker names of a calibrated person. Names in ``kept`` do not change.
 
     Raises:
         SubjectInvalid: the person was calibrated on another body or wears other markers.
@@ -141,7 +141,7 @@ def person_of_nameless(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> MarkerSubject:
-    """Add bone markers to a person, using takes that the network labelled."""
+    """Add unlabelled markers that move with a bone to a person, using takes that the network labelled."""
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person

@@ -1,4 +1,4 @@
-"""Label takes that have no marker names before they are solved."""
+"""Label takes that have too few marker names before they are solved."""
 
 from __future__ import annotations
 
@@ -65,15 +65,15 @@ def _names(cloud: MarkerCloud) -> MarkerNames:
 
 
 def has_own_names(cloud: MarkerCloud) -> bool:
-    """Return whether most points have user-defined names, with one marker each in all frames."""
+    """Return whether most points have user-defined names. Each column is then one marker in all frames."""
     labels = cloud.labels or ()
     return sum(not is_unnamed(label) for label in labels) > len(labels) / 2
 
 
 def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the known location of each segment in a partly labelled take.
+    """Return the known locations in a partly labelled take, by column and first frame of each segment.
 
-    These names do not change.
+    Labelling does not change these names.
     """
     if cloud.labels is None:
         return {}
@@ -97,7 +97,7 @@ def labelled_capture(
     network: LandmarkNetwork | None = None,
     always: bool = False,
 ) -> tuple[Capture, LabelledTake | None]:
-    """Label a capture's points. Return it unchanged if it has enough names.
+    """Label a capture's points with the network. Return the capture unchanged if it has enough names.
 
     Args:
         user_labels: labels assigned by the user, by column and frame. They apply to the whole segment.
@@ -153,7 +153,7 @@ def labelled_capture(
 
 
 def _doubt_of_person(take: LabelledTake) -> str:
-    """Return the evidence that nameless points are not one person, or "" if there is none."""
+    """Return the evidence against unnamed points being one person, or "" if there is none."""
     share = float(_named(take).mean()) if take.labels.size else 1.0
     variance = np.trace(take.votes.covariance[:, :GHOST], axis1=-2, axis2=-1).mean() / 3.0
     if share < LEAST_UNNAMED:
@@ -164,10 +164,10 @@ def _doubt_of_person(take: LabelledTake) -> str:
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
-    """Return the capture unchanged if it has too many points for the network, otherwise None.
+    """Return the capture if it has too many points for the network but enough names, otherwise None.
 
     Raises:
-        MarkersUnknown: too few points have names in the file.
+        MarkersUnknown: it has too many points for the network, and too few names.
     """
     assert capture.markers is not None
     seen = np.isfinite(capture.markers.positions).all(-1).sum(axis=1)
@@ -190,7 +190,7 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
 
 
 def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
-    """Return a partly labelled capture if its names are sufficient. Otherwise raise ``otherwise``."""
+    """Return a partly labelled capture if it has enough names to be solved. Otherwise raise ``otherwise``."""
     cloud = capture.markers
     assert cloud is not None
     known = _names(cloud).known
@@ -203,18 +203,18 @@ def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
 
 
 def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Remove a reader's reports that few labels are known, because labelling corrects this."""
+    """Remove a reader's warnings about few known labels, because labelling solves this problem."""
     return tuple(item for item in found if item.code not in ("few_markers_known", "labels_left_to_network"))
 
 
 def knows_layout(take: LabelledTake) -> bool:
-    """Return whether the network names enough markers in this layout."""
+    """Return whether the network can name enough markers of this layout to label it."""
     named = _named(take)
     return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_NETWORK_PLACES
 
 
 def named_in(take: LabelledTake, *, persistent: bool = False) -> Diagnostic:
-    """Return a note with the percentages of points that are named, stray and unknown.
+    """Return a note with the percentages of named, stray and unknown points.
 
     Args:
         persistent: the points had user-defined names.
@@ -238,7 +238,7 @@ def _places(take: LabelledTake) -> set[int]:
 
 
 def unnamed_in(take: LabelledTake) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic if many points remain unknown."""
+    """Return a warning if many points remain without a name."""
     there = np.isfinite(take.confidence)
     unknown = float((take.labels[there] < 0).mean()) if there.any() else 1.0
     if unknown < 0.05:

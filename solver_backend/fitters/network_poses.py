@@ -1,4 +1,4 @@
-"""Use network poses as measurements, with a covariance estimated from the take."""
+"""Use the poses from a network as measurements, with a covariance estimated from the take."""
 
 from __future__ import annotations
 
@@ -33,12 +33,10 @@ LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Fewest frames of a result that fit the t
 LEAST_POINTS = 6  # Smallest number of points needed to position a result in front of the camera.
 FITS_M, CHANCE = 0.12, 0.7
 """Largest distance in metres of points from their rays for a match, and largest ratio to the distance in other
-alignments.
-"""
+alignments."""
 DOUBTED = 1.5
 """Factor applied to the deviations of lifted poses and triangulated points to allow for rare large errors. Measured on
-subjects 08 and 60.
-"""
+subjects 08 and 60."""
 BETTER = 0.85  # Another alignment replaces the file's frame numbers if its distance is below this share.
 SIZE_ALIKE = (0.8, 1.25)  # Scale factors within these limits leave the result's size unchanged.
 _SCAN_FRAMES, _SCAN_SHIFTS = 60, 900  # Number of frames compared per shift, and largest shift in frames.
@@ -47,20 +45,20 @@ _BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "
 
 @dataclass(frozen=True)
 class NetworkPoses(Layer):
-    """Poses relative to the pelvis that a network estimated from one camera's video."""
+    """Layer of a solve: poses relative to the pelvis that a network estimated from one camera's video."""
 
     camera: str
     term: RelativePositionTerm
     sigma_m: np.ndarray  # (L, 2) deviation of each point per axis, across and along the line of sight.
 
     def terms(self) -> FrameObjective:
-        """Return the pose term."""
+        """Return the term that draws the body to the network's poses."""
         return FrameObjective((), relative=(self.term,))
 
 
 @dataclass(frozen=True)
 class _View:
-    """One camera's view with L points. The first of them have keypoints."""
+    """View of one camera with L points, of which the first have keypoints."""
 
     name: str
     R: np.ndarray  # (3, 3) from the world to the camera.
@@ -73,7 +71,7 @@ class _View:
 
 @dataclass(frozen=True)
 class _Match:
-    """Assignment of a result's person and frames to the take."""
+    """Person of a network result and frame alignment that fit the take."""
 
     person: NetworkResult
     points: np.ndarray  # (F, L, 3) in the camera's axes, NaN where the result has none.
@@ -83,11 +81,11 @@ class _Match:
 
     @property
     def local(self) -> np.ndarray | None:
-        """(F, 22, 3, 3) rotations, arbitrary where the result has none; None for points."""
+        """(F, 22, 3, 3) rotations, arbitrary where the result has none. None if the result consists of points."""
         return None if self.person.local is None else self.person.local[np.maximum(self.rows, 0)]
 
     def of_points(self, points: np.ndarray) -> _Match:
-        """Return the match with other points for the person."""
+        """Return the match with other points for the same person."""
         known = (self.rows >= 0)[:, None, None]
         return replace(self, points=np.where(known, points[np.maximum(self.rows, 0)], np.nan))
 
@@ -102,7 +100,7 @@ def with_network_results(
     *,
     is_sized: bool = False,
 ) -> Measurements:
-    """Add a layer for each network result.
+    """Add a layer to the measurements for each network result.
 
     A single camera's size also depends on the result unless ``is_sized``, and its solve may start from the result's
     poses.
@@ -147,7 +145,7 @@ def with_network_results(
 
 
 def _sized(source: OneCamera, match: _Match) -> Measurements:
-    """Return the measurements with the person's size taken from the mean of both poses.
+    """Estimate the person's size again, from the mean of the lifted pose and the result's pose.
 
     A wrong pose causes a wrong size, which moves the person in depth. The errors of the two poses are independent.
     """
@@ -172,8 +170,8 @@ def _surer(
 ) -> Measurements:
     """Combine one camera's depth with the result's depth, and start from the result's poses.
 
-    In frames that have them, the result's poses are the initial values if their depth is more precise than that of the
-    lifted pose. ``trust`` (L,) are factors applied to the precision of the lifted points.
+    The result's poses are the initial values in frames that have them, if their depth is more precise than the lifted
+    pose's depth. ``trust`` (L,) are factors applied to the precision of the lifted points.
     """
     source, rough = measurements.source, measurements.rough
     assert isinstance(source, OneCamera)
@@ -228,7 +226,7 @@ def _view(capture: Capture, result: StartingResult, landmarks: Landmarks) -> _Vi
 
 
 def _points(person: NetworkResult, landmarks: Landmarks, body: Body, betas: np.ndarray) -> np.ndarray:
-    """Return the (F, L, 3) landmarks relative to the pelvis in camera axes, in metres, NaN where unknown."""
+    """Return the landmarks (F, L, 3) relative to the pelvis in camera axes, in metres, NaN where unknown."""
     if person.local is not None:
         still = np.zeros((len(person.frames), 3))
         local = person.local[:, 1:]
@@ -247,7 +245,6 @@ def _at_rest(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _lengths(points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """Return the median lengths of limb bones in metres, NaN where unknown."""
     found = []
     for start, end in _BONES:
         for side in SIDES:
@@ -258,7 +255,7 @@ def _lengths(points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
 
 
 def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray:
-    """Return the (F,) RMS distances of points from their rays in metres per axis.
+    """Return the RMS distances (F,) of points from their viewing rays in metres per axis.
 
     ``min_{s, t} Σ w |x - s p_xy - t|²`` (weak perspective), divided by the best s. NaN if there are too few points.
     ``points`` (F, L, 3) belong to the take's ``frames`` (F,).
@@ -278,7 +275,7 @@ def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray
 
 
 def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Body, betas: np.ndarray) -> _Match:
-    """Return the person and frame alignment in a result that best fit the camera's keypoints."""
+    """Find the person and frame alignment in a result that best fit the camera's keypoints."""
     best: tuple[float, NetworkResult, np.ndarray, np.ndarray, str] | None = None
     chance = np.inf
     for person in result.people:
@@ -322,14 +319,13 @@ def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Bo
 
 
 def _rows(person: NetworkResult, numbers: np.ndarray) -> np.ndarray:
-    """Return a result's rows for frame numbers of its video, -1 if there is none."""
     wanted = np.round(numbers).astype(int)
     at = np.minimum(np.searchsorted(person.frames, wanted), len(person.frames) - 1)
     return np.where(person.frames[at] == wanted, at, -1)
 
 
 def _score(points: np.ndarray, view: _View, rows: np.ndarray, most: int = 10**9) -> float:
-    """Return an alignment's median distance in metres, NaN if it covers too little of the take."""
+    """Return the median distance in metres of an alignment, or NaN if it covers too little of the take."""
     frames = np.flatnonzero(rows >= 0)
     if len(frames) < max(LEAST_FRAMES, LEAST_COVERED * len(rows)):
         return np.nan
@@ -349,7 +345,7 @@ def _require_not_mirrored(points: np.ndarray, view: _View, off: float, result: S
 
 
 def _sight(view: _View) -> np.ndarray:
-    """Return the (F, 3) unit directions from camera to person, using the mean in gaps."""
+    """Return the unit directions (F, 3) from the camera to the person. Frames without keypoints get the mean."""
     total = np.maximum(view.weight.sum(axis=1), 1e-9)[:, None]
     middle = np.einsum("fl,fla->fa", view.weight, np.nan_to_num(view.image)) / total
     seen = view.weight.sum(axis=1) > 0
@@ -361,7 +357,7 @@ def _sight(view: _View) -> np.ndarray:
 def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return other estimates (F, L, 3) of the points, and their variance in depth.
 
-    For one camera these are the lifted pose, and for several cameras triangulated points.
+    For one camera these are the lifted pose, and for several cameras the triangulated points.
     """
     source = measurements.source
     if isinstance(source, OneCamera):
@@ -377,11 +373,11 @@ def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tup
 def deviations(
     points: np.ndarray, view: _View, sight: np.ndarray, other: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate the (L, 2) deviations of a result across and along the line of sight in m.
+    """Estimate the deviations (L, 2) of a result's points across and along the line of sight in m.
 
     Across, they are the distances of the placed points from their rays. Along, they are the distances from ``other``
-    points minus the ``variance`` of these points. The ratio of along to across is at least that of the tracks' jitter.
-    Also return (L,) factors of at most 1 for the precision of the other points, for points whose errors are larger than
+    points minus the ``variance`` of these points. The ratio of along to across is at least as large as in the jitter of
+    the tracks. Also return factors (L,) of at most 1 for the precision of other points that have larger errors than
     stated.
     """
     weight = np.where(np.isfinite(points).all(-1), view.weight, 0.0)
@@ -412,7 +408,7 @@ def deviations(
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """Return the (L,) robust standard deviations about zero of (F, L, n) values, NaN where unknown."""
+    """Return the robust standard deviations (L,) about zero of values (F, L, n), NaN where unknown."""
     rows = np.moveaxis(values, 1, 0).reshape(values.shape[1], -1)
     found = np.full(len(rows), np.nan)
     for number, row in enumerate(rows):  # over points

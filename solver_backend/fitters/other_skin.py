@@ -1,4 +1,4 @@
-"""Represent other people's skin in a take by points with normals, which a person must not penetrate."""
+"""Represent other people's skin by points with normals, so that a person's solve does not penetrate it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BLOCK = 8  # Number of frames at a time. Affects only time and memory.
 
 
 def spread_vertices(body: Body) -> np.ndarray:
-    """Return vertices that are at least ``SPACING_M`` apart at rest."""
+    """Select vertices that are at least ``SPACING_M`` apart at rest."""
     rest, free, taken = body.v_template, np.ones(len(body.v_template), bool), list[int]()
     while free.any():
         taken.append(int(free.argmax()))
@@ -32,7 +32,7 @@ def spread_vertices(body: Body) -> np.ndarray:
 
 
 def only_close(one: Motion, other: Motion) -> Motion | None:
-    """Return the other person's motion, marked as unseen where no joints are within ``CLOSE_M``.
+    """Return the other person's motion, marked as unseen in frames without joints within ``CLOSE_M``.
 
     Return None if this applies to all frames. Frames in which one of the people is missing also count.
     """
@@ -49,7 +49,7 @@ def _seen(motion: Motion) -> np.ndarray:
 
 @dataclass(frozen=True)
 class OtherSkin:
-    """T points on other people's skin, in the N frames that show any of them."""
+    """T points on other people's skin, in the N frames that show any of these people."""
 
     points: np.ndarray  # (N, T, 3) metres, single precision.
     normals: np.ndarray  # (N, T, 3) unit vectors that point out of the skin.
@@ -57,7 +57,7 @@ class OtherSkin:
 
     @classmethod
     def of(cls, body: Body, motions: Sequence[Motion]) -> OtherSkin:
-        """Build the skin from motions of this body that have the same frames."""
+        """Build the skin from motions of this body with the same frames."""
         vertices = spread_vertices(body)
         normals = vertex_normals(body.v_template, body.faces)[vertices]
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -82,7 +82,7 @@ class OtherSkin:
         return cls(points, out, rows)
 
     def nearest(self, points: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signed distance (F, S) from points to the nearest skin, and its normal.
+        """Return the signed distances (F, S) of points from the nearest skin, and its normals.
 
         Distances are negative inside, and infinite beyond ``REACH_M``. ``frames`` (F,) are the frame numbers.
         """
@@ -109,7 +109,7 @@ class OtherSkin:
 
 
 def _columns_in(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the columns of points (F, S, 3) that come within reach of the box around the others."""
+    """Return the columns of points (F, S, 3) that come within reach of the box around other points."""
     if not others.shape[1]:
         return np.zeros(0, int)
     low, high = others.min(axis=1, keepdims=True) - REACH_M, others.max(axis=1, keepdims=True) + REACH_M

@@ -32,9 +32,8 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import BONES, Cameras, Keypoints2D, OwnPoint
 
 LOOSE_M = 0.06
-"""Largest median distance in metres from a point to its position on the bone. It is twice a marker's, because twist is
-uncertain.
-"""
+"""Largest median distance in metres from a point to its position on the bone: twice a marker's, because twist is
+uncertain."""
 PLACE_SIGMA_M = 0.05  # Error per axis of the first position: a rotation of 45° moves a limb's skin this far. By hand.
 SAMPLE_FRAMES = 48  # Number of frames used to fit positions.
 _STEPS = LMSettings(40, 1e-4)  # Settings for that fit.
@@ -42,7 +41,7 @@ _STEPS = LMSettings(40, 1e-4)  # Settings for that fit.
 
 @dataclass(frozen=True)
 class OwnPoints(Layer):
-    """K keypoints and N user-defined points in C views over F frames."""
+    """Layer of a solve: K keypoints and N user-defined points in C views over F frames."""
 
     cameras: Cameras
     keypoints: Keypoints2D
@@ -52,7 +51,7 @@ class OwnPoints(Layer):
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray) -> OwnPoints:
-        """Return a person's user-defined points. ``sigma_px`` is broadcast to (C, F, K + N)."""
+        """Create the layer from a person's triangulated points. ``sigma_px`` is broadcast to (C, F, K + N)."""
         sigma_px = np.broadcast_to(sigma_px, keypoints.confidence.shape)
         return cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px)
 
@@ -61,7 +60,7 @@ class OwnPoints(Layer):
         return self.keypoints.joint_set.num_keypoints + self.keypoints.own.index(point)
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with landmarks for the points that a solve of the keypoints can locate."""
+        """Add landmarks for the user-defined points that the solved keypoints can locate."""
         placed, like = place_points(self, solved), solved.subject.betas
         if placed.points:
             placed = fit_places(_measure(problem, self, placed, like), solved, placed, settings)
@@ -70,7 +69,7 @@ class OwnPoints(Layer):
 
 @dataclass(frozen=True)
 class PlacedPoints(Layer):
-    """N user-defined points at fixed positions on their bones."""
+    """Layer of a solve: N user-defined points at fixed positions on their bones."""
 
     points: tuple[OwnPoint, ...]
     offsets: np.ndarray  # (N, 3) metres from the bone's joint, in its axes at rest.
@@ -86,7 +85,7 @@ class PlacedPoints(Layer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Report the positions, and keep only the keypoints' landmarks for the motion."""
+        """Report the points' positions, and keep only the keypoints' landmarks for the motion."""
         found, subject = (*self.found, *self._report(problem, solved)), solved.subject
         count = len(subject.landmarks) - len(self.points)
         subject = replace(subject, landmarks=subject.landmarks.part(slice(0, count)), offsets=subject.offsets[:count])
@@ -107,7 +106,7 @@ class PlacedPoints(Layer):
 
 
 def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
-    """Locate user-defined points on their bones, using solved poses in the same frames."""
+    """Locate user-defined points on their bones, using the solved poses of the same frames."""
     body, frames = solved.subject.body, solved.frames
     parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
     posed = forward_kinematics(body, *parts)
@@ -129,7 +128,7 @@ def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
 
 
 def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settings: SolveSettings) -> PlacedPoints:
-    """Fit the positions to the detections together with the shape and sample poses."""
+    """Fit the points' positions to the detections, together with the body shape and sample poses."""
     count, subject = len(placed.points), solved.subject
     frames = sample_frames(full.measurements, SAMPLE_FRAMES)
     poses = solved.frames.select(index(frames, solved.frames.transl))

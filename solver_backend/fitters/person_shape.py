@@ -1,4 +1,4 @@
-"""Estimate the constants of a take: shape, bias, noise and planted feet."""
+"""Estimate the constants of a take: body shape, landmark bias, noise and planted feet."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FIXED = 1e12  # Precision of unknowns that are kept.
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """Prior for a person's shape and offsets. The shape space has unit variance."""
+    """Prior for a person's body shape and landmark offsets. Shape coefficients have unit variance."""
 
     offset_sigma_m: float | np.ndarray = 0.02  # Deviation of a detector's points from landmarks, (L,) or one for all.
     evidence: float = 0.2  # Share of new information per frame, because detector noise is correlated in time.
@@ -44,14 +44,14 @@ class ShapePrior:
 
 @dataclass(frozen=True)
 class PersonState:
-    """A person, the poses in F frames, and the layout of one frame's unknowns."""
+    """Person, poses in F frames, and the layout of one frame's unknowns."""
 
     subject: Subject
     frames: FrameStates
     layout: StateLayout
 
     def retract(self, step: Array) -> PersonState:
-        """Return the state after a (1, 10 + 3 L + n F) step: shape, offsets, then the frames."""
+        """Move the state by a (1, 10 + 3 L + n F) step: first shape and offsets, then the frames."""
         shared = 10 + 3 * len(self.subject.landmarks)
         by_frame = array_namespace(step).reshape(step[0, shared:], (len(self.frames.z), -1))
         return replace(
@@ -68,7 +68,7 @@ def fit_shape(
     settings: LMSettings,
     shape_prior: ShapePrior = ShapePrior(),
 ) -> tuple[Subject, FrameStates]:
-    """Fit shape, landmark offsets and sample poses together, using arrowhead equations.
+    """Fit body shape, landmark offsets and sample poses together, using arrowhead equations.
 
     ``subject`` contains the initial shape and offsets. ``scales`` are decreasing Geman-McClure scales.
     """
@@ -118,7 +118,7 @@ def _arrowhead(
 def refit_shape(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float, shape_prior: ShapePrior
 ) -> Subject:
-    """Re-estimate the subject's shape and offsets from fixed poses."""
+    """Estimate the subject's body shape and landmark offsets again, from fixed poses."""
     if not (shape_prior.free_betas or shape_prior.free_offsets):
         return subject
     J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
@@ -135,7 +135,7 @@ def refit_shape(
 
 
 def moved(subject: Subject, step: Array) -> Subject:
-    """Return the subject after a (10 + 3 L,) step in shape and offsets."""
+    """Move the subject by a (10 + 3 L,) step in shape and landmark offsets."""
     xp = array_namespace(step)
     return replace(
         subject, betas=subject.betas + step[:10], offsets=subject.offsets + xp.reshape(step[10:], subject.offsets.shape)
@@ -182,7 +182,7 @@ SAMPLE_FRAMES = 32  # Number of frames from which the shape is learned.
 
 
 def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:
-    """Learn the subject's shape from a sample of frames, unless the shape is given."""
+    """Estimate the subject's body shape from a sample of frames, unless the shape is given."""
     if known := problem.measurements.known_person:
         return known
     frames = sample_frames(problem.measurements, SAMPLE_FRAMES)
@@ -212,13 +212,13 @@ _SIDES = (("left_", "L"), ("right_", "R"))
 
 @dataclass(frozen=True)
 class Contacts:
-    """Planted points on the feet."""
+    """Planted points on the feet, and their positions."""
 
     planted: np.ndarray  # (F, L) bool.
     anchors: np.ndarray  # (F, L, 3) metres, mean position during each contact, 0 elsewhere.
 
     def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
-        """Return an (F, 2) mask of frames with a planted foot, or None if there are no foot points."""
+        """Return an (F, 2) mask of frames in which the left or right foot is planted, or None without foot points."""
         feet = _foot_columns(names)
         if not feet:
             return None
@@ -226,7 +226,7 @@ class Contacts:
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
     def without_feet(self, names: tuple[str, ...], held: np.ndarray) -> Contacts:
-        """Return the contacts except for feet in frames (F, 2) that other points hold in place."""
+        """Remove the contacts of feet in frames (F, 2) where other points hold the feet in place."""
         planted = self.planted.copy()
         for side, sign in enumerate(_SIDES):
             columns = [k for k in _foot_columns(names) if names[k].startswith(sign)]
@@ -234,7 +234,7 @@ class Contacts:
         return replace(self, planted=planted)
 
     def term(self, like: Array, firmness: float = 1.0) -> PositionTerm:
-        """Return the term that attracts planted points to their anchors."""
+        """Build the term that keeps planted points at their anchors."""
         return foot_contact_term(self.planted, self.anchors, like, SIGMA_M / firmness)
 
 
@@ -246,14 +246,14 @@ def find_contacts(
     sight: np.ndarray | None = None,
     heights: np.ndarray | None = None,
 ) -> Contacts:
-    """Find the frame ranges in which points on the feet are slow and low.
+    """Find the frame ranges in which points on the feet are slow and low, so that the foot is planted.
 
     Args:
         points: (F, L, 3) solved positions in metres, Z up.
         fixed: (F,) bool, true for frames that do not change. If a contact includes such frames, they define its anchor.
         sight: (F, 3) unit viewing direction of a single camera, or None for several cameras.
         heights: (L,) heights in metres of a planted foot's points above a known floor, used as the anchors' heights.
-            NaN for other points.
+          NaN for other points.
     """
     fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
     columns = _foot_columns(names) if heights is None else [int(k) for k in np.flatnonzero(np.isfinite(heights))]
@@ -288,7 +288,7 @@ RANGE = (0.2, 5.0)  # Limits of a keypoint's variance in one view relative to th
 
 
 def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
-    """Return the data term. If requested, variances are learned for each view's points."""
+    """Return the data term, with learned noise variances for the points in each view if the settings request it."""
     data = problem.measurements.term
     if not settings.learn_noise:
         return data
@@ -296,7 +296,7 @@ def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, 
 
 
 def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, sample: np.ndarray) -> DataTerm:
-    """Return the term with variances learned from a solution's residuals.
+    """Return the term with noise variances learned from a solution's residuals.
 
     ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far. This
     is the restricted maximum likelihood of the log-variance (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is
@@ -309,7 +309,7 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
 
 
 def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: float) -> DataTerm:
-    """Return ``reweighted`` for a sample's (S, L, 3) points."""
+    """Learn noise variances as in ``reweighted``, from the landmark positions (S, L, 3) in S sample frames."""
     xp = array_namespace(points)
     found = part.residuals(points)
     inlier = found.inliers(scale)
@@ -333,7 +333,7 @@ LANDMARK_RANGE = (0.2, 25.0)  # Limits of the variance relative to the average l
 def with_window_variances(
     term: DataTerm, points: Array, fps: float, scale: float, dof: float, looked_at: np.ndarray | None = None
 ) -> DataTerm:
-    """Return the term with a variance for every landmark in each window of ``WINDOW_S``.
+    """Return the term with a noise variance for every landmark in each window of ``WINDOW_S``.
 
     ``v_lw = (Σ_{f in w} |r_lf|²/3 + n v_l) / (Σ_{f in w} (1 - h) + n)`` over the inliers, in units of the variance
     assumed so far. v_l is computed in the same way from the whole take, with the mean landmark as prior. This is the

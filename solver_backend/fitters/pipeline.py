@@ -1,4 +1,4 @@
-"""Solve a capture. This is the entry point for the command line, job files and the add-on."""
+"""Solve a capture: the entry point for the command line, job files and the add-on."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ given stature (1.8 % on a take of 1.80 m)."""
 def solve_single_frames(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Fit every observed frame independently, and interpolate all other frames."""
+    """Fit every observed frame independently, and interpolate the unobserved frames."""
     seen = np.flatnonzero(problem.measurements.seen)
     states = fit_to_points(problem, subject, seen)
     scales = graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3)
@@ -74,7 +74,7 @@ def solve_single_frames(
 def solve_sliding_windows(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve window after window by Gauss-Newton steps with the mixture prior."""
+    """Solve one window after another by Gauss-Newton steps, with the mixture prior for poses."""
     layout = KeyframeLayout.even(problem.num_frames, settings.window, free=settings.interpolation)
     keys = initial_keys(problem, subject, layout)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
@@ -86,12 +86,12 @@ def solve_sliding_windows(
 
 
 Recipe = Callable[[Problem, Subject, SolveSettings, Progress, Stretches], MethodResult]
-"""Function that solves the poses in a take. Its last argument solves the frame ranges of a long take."""
+"""Function of a method that solves the poses in a take. Its last argument solves the frame ranges of a long take."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """A solver method and its properties, selected by name in the settings."""
+    """Solver method that the settings select by name, with its properties."""
 
     name: str
     recipe: Recipe
@@ -104,7 +104,7 @@ class Method:
     has_gaussian_codes: bool = False  # Decodes Gaussian codes. Other methods decode codes on a sphere.
 
     def prior_of(self, problem: Problem, settings: SolveSettings) -> AutoencodingPrior:
-        """Return the decoder for the poses."""
+        """Return the prior that decodes the method's poses."""
         return load_gaussian(settings.prior) if self.has_gaussian_codes else problem.prior
 
 
@@ -144,7 +144,7 @@ METHODS = {
 
 
 def require(settings: SolveSettings, trait: str, where: str, lacks: str, otherwise: str) -> None:
-    """Raise ``JobInvalid`` unless the method has the given property. ``where`` names the take.
+    """Raise ``JobInvalid`` unless the chosen method has a property. ``where`` names the take.
 
     Args:
         trait: name of a field in ``Method``.
@@ -157,7 +157,7 @@ def require(settings: SolveSettings, trait: str, where: str, lacks: str, otherwi
 
 
 def require_network(settings: SolveSettings, where: str) -> None:
-    """Raise ``JobInvalid`` unless the method fits a network's landmarks."""
+    """Raise ``JobInvalid`` unless the chosen method fits the labelling network's landmarks."""
     if not METHODS[settings.method].fits_network or settings.layout:
         able = _able("fits_network")
         message = f"The landmarks '{settings.landmarks}' need the method {able} without a marker layout."
@@ -166,7 +166,7 @@ def require_network(settings: SolveSettings, where: str) -> None:
 
 
 def require_start(settings: SolveSettings, capture: Capture) -> None:
-    """Raise ``JobInvalid`` unless the method can start from a motion."""
+    """Raise ``JobInvalid`` unless the chosen method and the capture allow a start motion."""
     if capture.several_views is None:
         hint = "Omit --start-from, or use a capture with a second camera."
         raise JobInvalid("--start-from needs a multi-camera take.", where=capture.name, hint=hint)
@@ -174,7 +174,7 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
 
 
 def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
-    """Yield warnings about settings that the method, its layers or a single camera ignore."""
+    """Yield warnings about settings that the chosen method, its layers or a single camera ignore."""
     read = {name for layer in measured.layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
     if idle:
@@ -196,7 +196,7 @@ def prepare(
     start: Motion | None = None,
     results: Sequence[StartingResult] = (),
 ) -> Problem:
-    """Prepare a capture for a solver, using its views, or its markers if there are no keypoints."""
+    """Prepare the problem of solving a capture from its views, or from its markers if it has no keypoints."""
     markers = capture.markers if capture.keypoints is None else None
     if markers is None:
         capture.require_views()
@@ -286,7 +286,7 @@ def _prepare_markers(
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
-    """Return the known person or the average one, with the shape in the settings if given."""
+    """Return the known person or the average person, with the shape in the settings if given."""
     if known := problem.measurements.known_person:
         return known
     subject = Subject.average(problem.body, problem.measurements.landmarks, make_origin(settings.backend))
@@ -294,7 +294,7 @@ def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
 
 
 def make_origin(backend: str) -> Array:
-    """Return an array from the backend, as a template for new arrays."""
+    """Return a small array of the backend, a template for new arrays. Raise ``BackendMissing``."""
     if backend == "numpy":
         return np.zeros(1)
     try:
@@ -354,7 +354,7 @@ def solve(
 
 
 def _with_stature(found: Solution, stature: float, known: float, *, has_shape: bool) -> Solution:
-    """Record the body's stature, and its difference from ``known`` (0 if unknown).
+    """Record the body's stature, and its difference from the user's value ``known`` (0 if unknown).
 
     Args:
         has_shape: the user specifies the body's shape, which determines the stature.
@@ -377,7 +377,7 @@ def solve_problem(
     provenance: Mapping[str, Any] | None = None,
     each: Stretches = in_turn,
 ) -> Solution:
-    """Solve the person's motion from any measurements. ``provenance`` is added to the record."""
+    """Solve a person's motion from any measurements. ``provenance`` is added to the motion's provenance."""
     method = METHODS[settings.method]
     problem, full, solved, convergence = _solve_body(problem, settings, progress, each)
     solved, _ = full.measurements.source.after(full, solved, settings, progress)
@@ -404,7 +404,7 @@ def solve_problem(
 def _solve_body(
     problem: Problem, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> tuple[Problem, Problem, SolvedFrames, Convergence]:
-    """Return the problem with its final source, the same with the landmarks of its layers, and their solution."""
+    """Return the problem with its final source, the problem with the landmarks of its layers, and the solution."""
     method = METHODS[settings.method]
 
     def solve_once(problem: Problem) -> MethodResult:

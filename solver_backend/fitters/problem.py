@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class SolvedLayer:
-    """A layer after the solve."""
+    """Layer of a solve that is finished, with results for the motion."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Add the layer's results to the motion. ``posed`` is the body in all frames."""
@@ -40,16 +40,16 @@ class SolvedLayer:
 
 
 class Layer(SolvedLayer):
-    """One kind of measurement: its part in solving a body, and its results in the motion."""
+    """Part of a solve for one kind of measurement, such as points, hands or props."""
 
     SETTINGS: ClassVar[frozenset[str]] = frozenset()  # Settings that the layer reads in addition to the method's.
 
     def terms(self) -> FrameObjective:
-        """Return the terms that the layer adds to the objective of every frame. There are none by default."""
+        """Return the terms that the layer adds to the objective of every frame, by default none."""
         return FrameObjective(())
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with the landmarks or the source that the layer changes after a first solve.
+        """Change the problem after a first solve, for example by adding landmarks.
 
         A changed problem is solved again.
         """
@@ -58,20 +58,20 @@ class Layer(SolvedLayer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Return the poses after the layer's own solve, and the solved layer."""
+        """Run the layer's own solve after the body. Return the adjusted poses and the solved layer."""
         return solved, self
 
 
 @dataclass(frozen=True)
 class PointSource(Layer):
-    """The layer with the points that determine the body."""
+    """Layer with the points that determine the body, such as keypoints or markers."""
 
     KEEPS_BONES: ClassVar[bool] = False  # Whether ``record`` needs the bones' rotations, which take the most memory.
     REST: ClassVar[RestWords]  # Text that reports uninformed body parts.
 
     @property
     def recipe(self) -> str:
-        """Name of the plan in ``bundle.PLANS`` for solving a whole take."""
+        """Name of the plan in ``bundle.PLANS`` by which a whole take is solved."""
         return "views"
 
     @property
@@ -81,25 +81,25 @@ class PointSource(Layer):
 
     @property
     def knows_floor(self) -> bool:
-        """True if z = 0 is known to be the floor even if the user does not say so."""
+        """True if the floor is at z = 0 even if the user does not say so."""
         return True
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
-        """Return (C, F, L) reprojection errors in pixels, and statistics of (F, L, 3) points."""
+        """Return reprojection errors (C, F, L) in pixels, and statistics of the points (F, L, 3)."""
         raise NotImplementedError
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the (J,) deviations in metres of errors that do not average out at a joint."""
+        """Return the deviations (J,) in metres of joint errors that do not average out over a take."""
         raise NotImplementedError
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Return the data term with noise learned from the poses in a bundle."""
+        """Learn the measurement noise from the poses in a bundle, and return the data term with it."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class RestWords:
-    """Text that reports body parts without measurements."""
+    """Wording of diagnostics about body parts without measurements."""
 
     severity: Severity  # Severity of the diagnostic.
     one: str  # Text for one part.
@@ -108,7 +108,7 @@ class RestWords:
 
 @dataclass(frozen=True)
 class RoughMotion:
-    """Poses in some frames, as initial values."""
+    """Poses in some frames, which serve as initial values."""
 
     frames: np.ndarray  # (S,) frame numbers, ascending.
     states: FrameStates  # S poses as codes.
@@ -116,7 +116,7 @@ class RoughMotion:
 
 @dataclass(frozen=True)
 class Measurements:
-    """Measurements of L points on one person over F frames."""
+    """Measurements of L points on one person over F frames, prepared for a solve."""
 
     landmarks: Landmarks  # The L points on the body.
     points: np.ndarray  # (F, L, 3) world metres, NaN where a point is unknown.
@@ -131,12 +131,12 @@ class Measurements:
 
     @property
     def knows_person(self) -> bool:
-        """True if shape and landmarks are known before the solve."""
+        """True if body shape and landmarks are known before the solve."""
         return self.known_person is not None
 
     @property
     def num_frames(self) -> int:
-        """Number of frames, F."""
+        """Number of frames in the take."""
         return len(self.points)
 
     @property
@@ -151,7 +151,7 @@ class Measurements:
 
 
 def noted(record: Mapping[str, Any], found: Iterable[Diagnostic]) -> dict[str, Any]:
-    """Return a motion's record with additional diagnostics."""
+    """Append diagnostics to a motion's provenance."""
     return {**record, "diagnostics": [*record.get("diagnostics", ()), *(item.as_dict() for item in found)]}
 
 
@@ -167,7 +167,7 @@ SAMPLE_FRAMES = 200  # Largest number of frames used to learn shape, bias and no
 
 @dataclass(frozen=True)
 class Problem:
-    """Measurements prepared for a solver."""
+    """Measurements and priors of one person, prepared for a solver method."""
 
     body: Body
     prior: AutoencodingPrior
@@ -177,7 +177,7 @@ class Problem:
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
-        """Build the problem, with the prior on the body's joints and the mixture prior.
+        """Build the problem, with the prior applied to the body's joints, and with the mixture prior.
 
         Raises:
             PriorInvalid: the prior is inconsistent or does not fit the body.
@@ -187,22 +187,22 @@ class Problem:
 
     @property
     def objective(self) -> FrameObjective:
-        """Terms on single frames from data, poses, source and layers."""
+        """Terms on single frames, from data, pose prior, point source and layers."""
         return self.objective_of((self.measurements.term,))
 
     def objective_of(self, points: tuple[PointTerm, ...]) -> FrameObjective:
-        """Return the objective with other point terms instead of the data term."""
+        """Return the objective with other point terms in place of the data term."""
         layers = (self.measurements.source, *self.measurements.layers)
         return reduce(add, (layer.terms() for layer in layers), FrameObjective(points, self.pose_terms))
 
     @property
     def fps(self) -> float:
-        """Frames per second."""
+        """Frame rate of the take in Hz."""
         return self.measurements.fps
 
     @property
     def num_frames(self) -> int:
-        """Number of frames, F."""
+        """Number of frames in the take."""
         return self.measurements.num_frames
 
     @property
@@ -212,7 +212,7 @@ class Problem:
         return np.unique(np.linspace(0, count - 1, min(count, SAMPLE_FRAMES)).astype(int))
 
     def frames_of(self, window: int, least: int = 2) -> int:
-        """Return the number of this take's frames that last as long as ``window`` frames at 60 fps."""
+        """Convert a window length in frames at 60 fps to this take's frame rate."""
         return max(least, round(window * self.fps / REFERENCE_FPS))
 
 
@@ -227,7 +227,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Convergence:
-    """How a solve ended at its last robust scale, over parts that are solved one after another."""
+    """Convergence of a solve at its last robust scale, over parts that are solved one after another."""
 
     parts: int
     converged: int  # Number of parts whose cost is stable.
@@ -247,7 +247,7 @@ class Convergence:
 
     @property
     def status(self) -> str:
-        """One sentence for users."""
+        """Sentence for users that says how the solve ended."""
         if self.converged == self.parts:
             return f"Converged: the cost no longer changes after {self.iterations} linearisations."
         where = "" if self.parts == 1 else f" in {self.parts - self.converged} of {self.parts} parts of the take"
@@ -256,7 +256,7 @@ class Convergence:
 
 @dataclass(frozen=True)
 class SolvedFrames:
-    """The poses in a take, and the method's other estimates."""
+    """Solved poses in a take, with the method's other estimates."""
 
     subject: Subject  # Contains the shape and bias from the last pass.
     frames: PosedFrames
@@ -270,7 +270,7 @@ class SolvedFrames:
     diagnostics: tuple[Diagnostic, ...] = ()  # For the motion.
 
     def noting(self, found: Iterable[Diagnostic]) -> SolvedFrames:
-        """Return the poses with additional diagnostics."""
+        """Append diagnostics for the motion."""
         return replace(self, diagnostics=(*self.diagnostics, *found))
 
 

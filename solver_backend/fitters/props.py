@@ -1,4 +1,4 @@
-"""Find props (rigid groups of markers that are not on the person), and solve each."""
+"""Find props (rigid groups of markers that are not on the person), and solve the motion of each."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SIZE = 12  # Unknowns per frame in world axes: rotation θ (``R ← exp(θ) R``)
 
 @dataclass(frozen=True)
 class PropState:
-    """Poses of a rigid body in F frames, ``x_world = R x + t``, with angular and linear velocity."""
+    """Motion of a rigid body in F frames: poses ``x_world = R x + t``, angular and linear velocities."""
 
     R: np.ndarray
     t: np.ndarray
@@ -47,20 +47,20 @@ class PropState:
 
     @classmethod
     def of_poses(cls, R: np.ndarray, t: np.ndarray, dt: float) -> PropState:
-        """Return the state for given poses, with velocities from differences over two frames."""
+        """Create the state from poses. Velocities are differences over two frames."""
         before, after = np.maximum(np.arange(len(t)) - 1, 0), np.minimum(np.arange(len(t)) + 1, len(t) - 1)
         step = dt * np.maximum(after - before, 1)[:, None]
         return cls(R, t, turns(R[before], R[after]) / step, (t[after] - t[before]) / step)
 
     def retract(self, step: np.ndarray) -> PropState:
-        """Return the state after a (1, 12 F) tangent step."""
+        """Move the state by a (1, 12 F) tangent step."""
         turn, shift, spin, velocity = np.split(step.reshape(-1, SIZE), 4, axis=1)
         R = exp_so3(turn) @ self.R
         return replace(self, R=R, t=self.t + shift, spin=self.spin + spin, velocity=self.velocity + velocity)
 
 
 def turns(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return the (..., 3) rotation vectors φ for which ``exp(φ) before = after``."""
+    """Return the rotation vectors φ (..., 3) between rotations: ``exp(φ) before = after``."""
     return log_so3(after @ np.swapaxes(before, -1, -2))
 
 
@@ -70,7 +70,7 @@ TURN_PRECISION = 3.0 / np.pi**2  # Precision of an unknown rotation: an angle be
 
 @dataclass(frozen=True)
 class PropEquations:
-    """Cost, gradient and Hessian for a prop's motion.
+    """Cost, gradient and Hessian of a prop's motion w.r.t. its poses and velocities.
 
     The cost is ``½ Σ ρ(|R_f p_m + t_f - x_fm|² / σ²) + ½ Σ eᵀ Q⁻¹ e + ½ Σ dt (|ω|² / q_R + |v|² / q_t) / τ²``. The
     errors between frames are ``e = (log(R_f+1 R_fᵀ) - dt ω_f, t_f+1 - t_f - dt v_f, ω_f+1 - ω_f, v_f+1 - v_f)`` with
@@ -85,7 +85,7 @@ class PropEquations:
     dt: float
 
     def linearise(self, state: PropState, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
-        """Return the (1,) cost and the normal equations at a robust ``scale``."""
+        """Return the cost (1,) and the normal equations at a robust ``scale``."""
         cost, diagonal, g = self.of_markers(state, scale)
         e, before, after = self._between(state)
         weight = self._precision()
@@ -105,22 +105,22 @@ class PropEquations:
         return np.array([cost]), BlockTridiagonal(diagonal, upper, g)
 
     def retract(self, state: PropState, step: np.ndarray) -> PropState:
-        """Return the state after a (1, 12 F) tangent step."""
+        """Move the state by a (1, 12 F) tangent step."""
         return state.retract(step)
 
     def residuals(self, state: PropState) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, M, 3) errors in metres, zero where unseen, and the (F, M, 3) rotated markers."""
+        """Return marker errors (F, M, 3) in metres, zero where unseen, and the rotated markers (F, M, 3)."""
         turned = self.rest @ np.swapaxes(state.R, -1, -2)
         return np.nan_to_num(turned + state.t[:, None] - self.points), turned
 
     def weights(self, error: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, M) robust costs and weights for errors, zero where unseen."""
+        """Return robust costs and weights (F, M) of marker errors, zero where unseen."""
         seen = np.isfinite(self.points).all(-1)
         cost, weight = geman_mcclure((error**2).sum(-1) / self.sigma_m**2, scale)
         return np.where(seen, cost, 0.0), np.where(seen, weight, 0.0)
 
     def of_markers(self, state: PropState, scale: float) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return the markers' cost, and their contributions to the blocks (F, 12, 12) and the gradient."""
+        """Return the markers' cost, and their contributions to the Hessian blocks (F, 12, 12) and the gradient."""
         error, turned = self.residuals(state)
         cost, weight = self.weights(error, scale)
         weight = weight / self.sigma_m**2
@@ -135,7 +135,7 @@ class PropEquations:
         return 0.5 * float(cost.sum()), H, g
 
     def _between(self, state: PropState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the (F - 1, 12) errors between frames, and their Jacobians w.r.t. both frames."""
+        """Return the errors (F - 1, 12) between neighbouring frames, and their Jacobians w.r.t. both frames."""
         turn = turns(state.R[:-1], state.R[1:])
         moved = np.diff(state.t, axis=0) - self.dt * state.velocity[:-1]
         changed = np.diff(np.concatenate([state.spin, state.velocity], axis=1), axis=0)
@@ -177,7 +177,7 @@ class PropStart:
 
 
 def start_prop(points: np.ndarray) -> PropStart:
-    """Estimate shape and poses from (F, M, 3) markers that move as one rigid body.
+    """Estimate a prop's shape and poses from markers (F, M, 3) that move as one rigid body.
 
     The frame with most markers gives the initial shape. Then the poses are aligned to the shape (``umeyama``), and the
     shape is set to the median over all frames, alternately.
@@ -210,7 +210,7 @@ def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _least_turned(axes: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations that align the line ``axes[0]`` with its directions.
+    """Return the smallest rotations that align the line ``axes[0]`` with its directions in the rotated frames.
 
     The axis ``axes[1]`` resolves half turns.
     """
@@ -237,7 +237,7 @@ LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Smallest unrest relative t
 
 
 def unrest_of(start: PropStart, fps: float) -> np.ndarray:
-    """Return (F - 1, 2) power densities of angular and linear acceleration.
+    """Estimate the power densities (F - 1, 2) of a prop's angular and linear acceleration.
 
     With white-noise acceleration of density q, displacements over two spans h differ by a variance of ``⅔ q h³``.
     """
@@ -267,14 +267,14 @@ def _around(values: np.ndarray, width: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Props(Layer):
-    """Recorded markers without a known location on the person."""
+    """Layer of a solve: recorded markers without a known location on the person."""
 
     loose: tuple[MarkerCloud, ...] = ()  # Markers with the person's prefix. Some of them are carried by bones.
     others: tuple[MarkerCloud, ...] = ()  # Markers with other prefixes.
 
     @classmethod
     def of(cls, cloud: MarkerCloud, worn: Sequence[str], layout: str, others: MarkerCloud | None) -> Props:
-        """Return the recorded markers that are neither the person's nor computed by a program.
+        """Create the layer from recorded markers that are neither the person's nor computed by a program.
 
         Args:
             worn: labels of the person's markers.
@@ -289,19 +289,19 @@ class Props(Layer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Solve each rigid group separately."""
+        """Find the rigid groups among the markers, and solve each of them."""
         props, found = solve_props(self, solved, progress)
         return solved.noting(found), SolvedProps(props)
 
 
 @dataclass(frozen=True)
 class SolvedProps(SolvedLayer):
-    """The props in a take, in solving order."""
+    """Solved props of a take, in solving order."""
 
     props: tuple[Prop, ...]
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Add the props to the motion."""
+        """Store the props in the motion."""
         return replace(motion, props=self.props) if self.props else motion
 
 
@@ -313,7 +313,7 @@ LEAST_FRAMES = 4  # Smallest number of frames that locate a prop, chosen by hand
 
 
 def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:
-    """Solve a prop with M labelled markers. Return None if too few frames show three of them.
+    """Solve a prop with M labelled markers. Return None if too few frames show three of the markers.
 
     ``points`` are (F, M, 3) in world metres, NaN where missing.
     """
@@ -343,7 +343,7 @@ def _learned(equations: PropEquations, state: PropState) -> PropEquations:
 
 
 def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations:
-    """Scale the equations to the residuals' variance: ``Σ w |r|² / (3 Σ w - tr H C)``.
+    """Scale the marker deviation to the variance of the residuals: ``Σ w |r|² / (3 Σ w - tr H C)``.
 
     The trace is the number of degrees of freedom that the poses use, where C is their covariance (Hodges and Sargent
     2001, "Counting degrees of freedom in hierarchical and other richly-parameterised models").
@@ -375,7 +375,7 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
 def _without_wrong_points(points: np.ndarray) -> np.ndarray:
     """Exclude points that contradict the largest group of agreeing markers in a frame.
 
-    If several groups are equally large, labels may be swapped, and all points that contradict any other are excluded.
+    If several groups are equally large, labels may be swapped. All points that contradict any other are then excluded.
     """
     away = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
     off = np.abs(away - quantile(away, 0.5, axis=0))
@@ -398,7 +398,7 @@ UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)  # Standard deviations beyond whic
 
 
 def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tuple[tuple[Prop, ...], list[Diagnostic]]:
-    """Solve the props among the markers that the person does not wear. Also return diagnostics."""
+    """Find and solve the props among markers that the person does not wear. Return them with diagnostics."""
     found = [(cloud, group) for cloud in markers.others for group in loose_groups(cloud)]
     for cloud in markers.loose:
         frames = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))

@@ -1,4 +1,4 @@
-"""Put body parts without informative landmarks at rest, with the spread found in people.
+"""Put body parts without informative landmarks in a relaxed pose, with the spread found in people.
 
 No measurement depends on the rotations of such parts. With the conditional prior ``p(part | seen) = N(rest(seen), Σ)``,
 the posterior factorises: observed joints keep the optimum of the fit, the part gets its rest pose, and its covariance
@@ -32,7 +32,7 @@ ANCHORS = {
     "left_thigh": "pelvis", "right_thigh": "pelvis", "left_forearm": "left_shoulder",
     "right_forearm": "right_shoulder", "left_shank": "left_hip", "right_shank": "right_hip",
 }  # fmt: skip
-"""Last known joint above each part. In reverse order, parts come before the parts above them."""
+"""Last known joint above each part. In reverse order, lower parts come first."""
 SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
     "pelvis": {
         "spine2": (9, 20, 36), "spine3": (12, 30, 45), "neck": (24, 41, 72), "head": (26, 70, 85),
@@ -71,7 +71,7 @@ _ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("ne
 
 @dataclass(frozen=True)
 class Stance:
-    """A person's stance, derived from the pelvis. All arrays are (F,)."""
+    """Posture of a person over F frames, derived from the pelvis: lean, walking and height. All arrays are (F,)."""
 
     lean: np.ndarray  # Degrees between the pelvis axis and the vertical.
     walking: np.ndarray  # From 0 (in place) to 1 (walking).
@@ -79,7 +79,7 @@ class Stance:
 
 
 def stance(rotations: np.ndarray, places: np.ndarray, fps: float) -> Stance:
-    """Compute the stance from the rotations and positions of a pelvis in metres, Z up."""
+    """Derive the posture from the rotations (F, 3, 3) and positions (F, 3) of a pelvis in metres, Z up."""
     lean = np.degrees(np.arccos(np.clip(rotations[:, 2, 1], -1.0, 1.0)))
     half, every = max(1, round(0.5 * WINDOW_S * fps)), np.arange(len(places))
     first, last = np.maximum(every - half, 0), np.minimum(every + half, len(places) - 1)
@@ -97,9 +97,10 @@ def with_resting_spread(
     below: dict[str, tuple[str, ...]],
     shares: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return (F, J, 6) covariances: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
+    """Return covariances (F, J, 6) that include the spread of resting parts: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
-    k is ``growth``. The variances in ``BESIDE_MM``, multiplied by s, are added to its joints.
+    k is ``growth``, and D are the deviations in ``SPREAD_MM``. The variances in ``BESIDE_MM``, multiplied by s, are
+    added to its joints.
 
     Args:
         covariance: (F, J, 6) covariances C of the fit in m² (see ``packed``).
@@ -131,11 +132,11 @@ def with_resting_spread(
 
 
 def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
-    """Return the factor applied to a joint's spread around its anchor, relative to standing.
+    """Return the factor (F,) on a joint's spread around its anchor, relative to standing.
 
-    The factor is ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0,
-    ARM_MOST_DEG) / ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. For walkers it is multiplied by
-    ``WALKING``, and for legs by ``LOW``. θ is the lean of the pelvis.
+    The factor is ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs,
+    ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) / ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. For
+    walkers it is multiplied by ``WALKING``, and for legs by ``LOW``. θ is the lean of the pelvis.
     """
     if joint in _ARM:
         leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
@@ -167,11 +168,11 @@ _WORDS = dict[str, str](map(str.split, _SHOWN.split(", ")))
 
 
 def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray) -> dict[str, float]:
-    """Return the deviations in metres of joints that only the posture determines.
+    """Return the deviations in metres of joints that no landmark measures, by name.
 
-    A joint is measured if a landmark is near it, or if it lies between measured joints: between any two if one of them
-    is in ``CORE``, otherwise along one limb. Two knees do not determine thighs. An arm without a trunk does not
-    determine its shoulder, because the acromion marker may be on either side of the joint.
+    A joint is measured if a landmark is near it, or if it is between measured joints: between any two if one of them is
+    in ``CORE``, otherwise along one limb. Two knees do not determine thighs. An arm without a trunk does not determine
+    its shoulder, because the acromion marker may be on either side of the joint.
     """
     names, ever = body.layout.joints, located.any(axis=0)
     if not ever.any():
@@ -197,7 +198,7 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
 
 
 def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Mapping[str, float]) -> np.ndarray:
-    """Add ``σ² I`` to the (F, J, 6) covariances in m² of assumed joints."""
+    """Add the variance ``σ² I`` of unmeasured joints to the covariances (F, J, 6) in m²."""
     found = unpacked(covariance)
     for name, sigma in assumed.items():
         if name in layout.joints:
@@ -206,14 +207,14 @@ def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Map
 
 
 def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tuple[str, float]:
-    """Return a text about the assumed joints, and their deviation in metres."""
+    """Return a text that lists the unmeasured joints not at rest, and their largest deviation in metres."""
     kept = {name: sigma for name, sigma in assumed.items() if name not in at_rest}
     words = list(dict.fromkeys(word for name in kept if (word := _WORDS.get(name.split("_")[-1].rstrip("123")))))
     return joined_words(words), max(kept.values(), default=0)
 
 
 def joined_words(words: Sequence[str]) -> str:
-    """Join names as a list in text, such as "arms, trunk and head"."""
+    """Join names to a list in a sentence, such as "arms, trunk and head"."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
@@ -276,7 +277,7 @@ errors of 40 to 175 mm per axis, but the fit states 8 to 22. In a gap of 0.1 s, 
 
 @dataclass(frozen=True)
 class PartShares:
-    """Weights (F,) from 0 to 1 for each part that is uninformed in any frame."""
+    """Weights (F,) from 0 to 1 for each part that landmarks do not inform in some frame."""
 
     rest: dict[str, np.ndarray]  # Weight of the rest pose.
     spread: dict[str, np.ndarray]  # Smallest weight of the resting variance.
@@ -291,7 +292,7 @@ def resting_shares(
     fps: float,
     pinned: Sequence[int] = (),
 ) -> PartShares:
-    """Return the weights of the rest pose and the resting variance for uninformed parts.
+    """Return the weights of the rest pose and of the resting variance for uninformed parts.
 
     A landmark informs a part if its lever about the part's first joint is at least the lever in ``LEADS``. The weight
     of the rest pose is ``3 u² - 2 u³``. u rises from 0 to 1 within ``FADE_S``, beginning ``HOLD_S`` after the last
@@ -320,18 +321,18 @@ def resting_shares(
 
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
-    """Return the parts that are not informed in any frame, for landmarks without offsets."""
+    """Return the parts that the measurements do not inform in any frame, for landmarks without offsets."""
     return parts_without(body, measurements.landmarks, measurements.located.any(axis=0))
 
 
 def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tuple[str, ...]:
-    """Return the parts that no located landmark informs."""
+    """Return the parts that none of the located landmarks informs."""
     once, offsets = np.ones(1, dtype=bool), np.zeros((len(landmarks), 3))
     return tuple(resting_shares(body, landmarks, offsets, located[None], once, 1.0).rest)
 
 
 def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
-    """Return how far landmarks at rest move per radian at each joint, (L, J) in metres."""
+    """Return the distances (L, J) in metres that landmarks at rest move per radian at each joint."""
     below = subtree_matrix(body.parents)
     share = landmarks.weights @ below.T
     places = np.einsum("jb,lbi->lji", below, landmarks.anchors) + share[..., None] * offsets[:, None]
@@ -351,9 +352,9 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 
 
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
-    """Put the uninformed parts of the poses at rest. Return the same object if there are none.
+    """Put the uninformed parts of the poses at rest. Return the same object if all parts are informed.
 
-    ``pinned`` are frames whose pose the user defined.
+    ``pinned`` are frames with a pose that the user set.
     """
     subject, frames = solved.subject, solved.frames
     body, layout = subject.body, subject.body.layout.recorded
@@ -448,7 +449,7 @@ def _diagnose(shares: dict[str, np.ndarray], words: RestWords) -> Iterator[Diagn
 
 
 def listed(parts: list[str]) -> str:
-    """Return the names of parts in ``PARTS``, combined as in "Arms and head"."""
+    """Combine the names of body parts to words for a message, as in "Arms and head"."""
     words = []
     for limb, halves in (("arm", ("upper_arm", "forearm")), ("leg", ("thigh", "shank"))):
         sides = {side: [half for half in halves if f"{side}_{half}" in parts] for side in ("left", "right")}

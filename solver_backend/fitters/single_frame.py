@@ -1,4 +1,4 @@
-"""Fit poses in sampled frames to triangulated points (thesis eq. 6.5)."""
+"""Fit poses in single frames to triangulated points (thesis eq. 6.5)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from solver_backend.solver.levenberg_marquardt import DenseBlocks, LazyNormalEqu
 
 
 def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:
-    """Decode the states to poses."""
+    """Decode states to poses."""
     return PosedFrames(states.root, decoded(prior, states.z, states.residual), states.transl)
 
 
@@ -60,15 +60,12 @@ def fit_frames(
 
 @dataclass(frozen=True)
 class _FrameProblem:
-    """Independent least-squares problems, one per frame."""
-
     subject: Subject
     prior: PosePrior
     objective: FrameObjective
     layout: StateLayout
 
     def linearise(self, state: FrameStates, scale: float) -> tuple[Array, LazyNormalEquations]:
-        """Return the costs of the frames, and their equations, which are formed on demand."""
         prior, layout = self.prior, self.layout
         equations = frame_equations(self.subject, posed(prior, state), self.objective, scale, slice(None))
 
@@ -79,12 +76,11 @@ class _FrameProblem:
         return equations.cost, LazyNormalEquations(form)
 
     def retract(self, state: FrameStates, step: Array) -> FrameStates:
-        """Return the states after a step."""
         return state.retract(step, self.layout)
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:
-    """Return the states in all frames, on geodesics between observed frames (S,)."""
+    """Interpolate the states of observed frames (S,) to all frames, along geodesics."""
     frame = np.arange(num_frames)
     after = np.clip(np.searchsorted(seen, frame), 0, len(seen) - 1)
     before = np.where(seen[after] <= frame, after, np.maximum(after - 1, 0))
@@ -108,7 +104,7 @@ def _select(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
 
 
 def _reduced(hessian: Array, gradient: Array, d_pose_d_state: Array) -> DenseBlocks:
-    """Return the regularised normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``."""
+    """Return the regularised normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``, with C the pose's derivative."""
     xp = array_namespace(hessian)
     C = xp.astype(d_pose_d_state, hessian.dtype)
     reduced = xp.astype(xp.matmul(xp.matrix_transpose(C), xp.matmul(hessian, C)), gradient.dtype)
@@ -137,14 +133,14 @@ _START_POSES: tuple[dict[str, Angles], ...] = (
 """Axis-angle rotations in rad of start poses: standing, arms up, arms forward, squatting, two steps. Chosen by hand."""
 STAGE = "Fitting single frames"
 POSE_SIGMA_M = 0.03
-"""Error in metres of points on a body of unknown shape, added to the points' measurement error."""
+"""Error in metres of points on a body of unknown shape. It is added to the measurement error."""
 BLOCK_FRAMES = 64  # Number of frames fitted at a time.
 NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)  # Robust scales and linearisations from lifted and from start poses.
 TOLERANCE = 1e-2  # Initial values are good enough if no frame's cost decreases by more than this share.
 
 
 def sample_frames(measurements: Measurements, count: int) -> np.ndarray:
-    """Return up to ``count`` frames with the most points, spread over the take."""
+    """Select up to ``count`` frames with the most points, spread over the take."""
     points = measurements.located.sum(-1)
     parts = np.array_split(np.arange(len(points)), min(count, len(points)))
     best = np.array([part[np.argmax(points[part])] for part in parts if len(part)])
@@ -152,7 +148,7 @@ def sample_frames(measurements: Measurements, count: int) -> np.ndarray:
 
 
 def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> PositionTerm:
-    """Return the position term of the known points in the given frames."""
+    """Build the position term of the known points in the given frames."""
     points, valid = measurements.points[frames], measurements.located[frames]
     variance = np.trace(measurements.covariance[frames], axis1=-2, axis2=-1) / 3
     weight = np.where(valid, 1.0 / (POSE_SIGMA_M**2 + np.nan_to_num(variance)), 0.0)
@@ -160,7 +156,7 @@ def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> 
 
 
 def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray, progress: Progress = silent) -> FrameStates:
-    """Fit poses to known points, starting from the lifter's pose or the best start pose."""
+    """Fit poses to the known points of some frames, starting from the lifter's pose or the best start pose."""
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
     report = partial(_report, progress, len(blocks))
@@ -183,7 +179,7 @@ def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameS
 
 
 def lifted_betas(subject: Subject, measurements: Measurements, frames: np.ndarray) -> Array:
-    """Return the mean of the lifter's (10,) shapes, or the subject's shape."""
+    """Return the mean of the lifter's body shapes (10,), or the subject's shape if no frame can be lifted."""
     lifted = _lifted(subject, points_term(measurements, frames, subject.betas))
     xp = array_namespace(lifted.betas)
     count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))
@@ -240,7 +236,7 @@ STRAYED = 6.0  # If a frame's cost relative to the median exceeds this, it is fi
 
 
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
-    """Estimate poses in about ``RATE_HZ`` frames per second. Most start from two earlier ones."""
+    """Estimate poses in about ``RATE_HZ`` frames per second. Most frames start from two neighbours fitted before."""
     seen = np.flatnonzero(problem.measurements.seen)
     frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
     chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))
@@ -258,7 +254,7 @@ def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
 
 
 def rough_markers(problem: Problem, subject: Subject, rough: RoughMotion) -> np.ndarray:
-    """Return the (F, L, 3) rough marker positions on a body in metres."""
+    """Return rough positions (F, L, 3) of the markers on the body in metres, in all frames."""
     xp = array_namespace(rough.states.z)
     states = bridged_states(rough.states.astype(xp.float32), rough.frames, problem.num_frames)
     points = points_of(subject.astype(xp.float32), posed(problem.prior, states))

@@ -1,4 +1,4 @@
-"""Find skin that touches the floor or objects, and keep it outside them and in place."""
+"""Find skin that touches the floor or objects, and keep it outside surfaces and in place."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ the tuning clips (``bench contacts``, fit_floor) is 2 mm deeper and joints are e
 
 @dataclass(frozen=True)
 class SkinContacts:
-    """Contact state of S skin points near the floor."""
+    """Contacts of S skin points near the floor, objects or other people."""
 
     landmarks: Landmarks  # The person's L landmarks, followed by the S points.
     parts: np.ndarray  # (S,) number of each point's part in ``CONTACT_PARTS``.
@@ -60,11 +60,11 @@ class SkinContacts:
 
     @property
     def binds(self) -> bool:
-        """True if any point is solid or held."""
+        """True if any point is solid or fixed."""
         return bool(self.solid.any() or self.held.any())
 
     def terms(self, like: Array, firmness: float) -> SkinTerms:
-        """Return the terms that keep points outside surfaces, and held points in place."""
+        """Return the terms that keep solid points outside surfaces, and held points in place."""
         precision = np.where(self.solid, DEPTH_SIGMA_M**-2, 0.0)
         surface = SurfaceTerm(*(constant(part, like) for part in (self.normals, self.offsets, precision)))
         found, stated = (
@@ -76,7 +76,7 @@ class SkinContacts:
         return SkinTerms(self.landmarks, (surface, *held))
 
     def notes(self) -> Iterator[Diagnostic]:
-        """Yield diagnostics about locked parts other than feet, and about the floor's error."""
+        """Yield diagnostics about fixed parts other than feet, overlapping people, and an error of the floor."""
         found, afloat = self.touches[:, FEET:], self.afloat
         if found.any():
             names = list(CONTACT_PARTS)[FEET:]
@@ -91,7 +91,7 @@ class SkinContacts:
             yield diagnostic("foot_below_floor", size=-100 * float(self.lowest[afloat].min()))
 
     def beside(self, other: SkinContacts) -> SkinContacts:
-        """Append another object's skin points. Everything that concerns single frames is taken from this object."""
+        """Append the skin points of contacts with another object. Data on single frames remain this object's."""
         points = ("solid", "held", "added", "anchors", "normals", "offsets")
         joined = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1) for name in points}
         count = len(self.landmarks) - len(self.parts)
@@ -101,12 +101,12 @@ class SkinContacts:
 
     @property
     def touches(self) -> np.ndarray:
-        """(F, 11) mask of the parts that touch."""
+        """(F, 11) mask of the parts with fixed skin."""
         return _by_part(self.held, self.parts)
 
 
 def contradicts(works: np.ndarray, rise: np.ndarray) -> bool:
-    """Return whether contacts worsen the fit by more than chance.
+    """Return whether contacts worsen the fit by more than chance, so that a surface contradicts the measurements.
 
     Errors of calibration and keypoints are nearly constant over a take, so the frames of a part's contact count as one.
     The mean rise then has a chi-squared distribution, and the depth of each affected part is one degree of freedom. The
@@ -124,12 +124,12 @@ def contradicts(works: np.ndarray, rise: np.ndarray) -> bool:
 
 
 def _by_part(points: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return an (F, 11) mask of the parts that have any of the points (F, S)."""
+    """Return an (F, 11) mask of the parts that have at least one of the masked points (F, S)."""
     return np.stack([points[:, parts == k].any(axis=1) for k in range(len(CONTACT_PARTS))], axis=1)
 
 
 def parts_of_skin(body: Body) -> np.ndarray:
-    """Return each vertex's part in ``CONTACT_PARTS``, given by the joint with the largest weight."""
+    """Return the part in ``CONTACT_PARTS`` of each vertex, from the joint with the largest skinning weight."""
     numbers, of_joint = list(CONTACT_PARTS), np.full(len(body.parents), -1)
     for joint, (name, parent) in enumerate(zip(body.layout.joints, body.parents, strict=True)):
         part = part_of_joint(name)
@@ -210,9 +210,9 @@ def find_skin_contacts(
 def find_touching_people(
     subject: Subject, frames: PosedFrames, fps: float, others: OtherSkin, seen: np.ndarray
 ) -> SkinContacts | None:
-    """Find skin near or in other people. Return None if none is deeper than ``DEEP_M``.
+    """Find skin near or in other people. Return None if no point is deeper in them than ``DEEP_M``.
 
-    Nothing is held, because people move. Frames that are not in the (F,) mask ``seen`` have no contacts.
+    Nothing is fixed, because people move. Frames outside the (F,) mask ``seen`` have no contacts.
     """
     vertices, count = spread_vertices(subject.body), frames.transl.shape[0]
     sampled, known = np.arange(0, count, max(1, round(SAMPLE_S * fps))), np.flatnonzero(seen)
@@ -237,7 +237,6 @@ def find_touching_people(
 
 
 def _posed_skin(subject: Subject, frames: PosedFrames, vertices: np.ndarray) -> tuple[Landmarks, np.ndarray]:
-    """Return skin vertices as landmarks, and their (F, S, 3) positions."""
     body, names = subject.body, tuple(f"skin {vertex}" for vertex in vertices)
     arrays = (values[vertices] for values in (body.v_template, body.shapedirs, body.weights))
     skin = Landmarks.of_points(names, *arrays, posedirs=body.posedirs[vertices])
@@ -262,7 +261,7 @@ def _off_floor(lowest: np.ndarray, fps: float, world: Obstacles) -> np.ndarray:
 
 
 def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> np.ndarray:
-    """Hold the lowest skin in added contacts, and release removed ones."""
+    """Hold the lowest skin in contacts that the user added, and release skin in removed contacts."""
     added = np.zeros(held.shape, bool)
     for contact in told:
         part = np.ix_(range(contact.first, contact.last + 1), parts == list(CONTACT_PARTS).index(contact.part))
@@ -275,7 +274,7 @@ def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequenc
 
 
 def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return the (F, S) heights that lower each part's lowest held point to the surface."""
+    """Return the distances (F, S) that move each part's lowest held point down to the surface."""
     shifts = np.zeros(height.shape)
     for part in np.unique(parts):
         own = parts == part
@@ -285,7 +284,7 @@ def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarr
 
 
 def _anchors(place: np.ndarray, held: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Return the (F, S, 3) mean positions over each contact, or over its (F,) fixed frames if it has any."""
+    """Return the mean positions (F, S, 3) over each contact, or over its frames in ``fixed`` (F,) if it has any."""
     anchors = np.zeros(place.shape)
     for k in range(held.shape[1]):
         for first, last in true_runs(held[:, k]):

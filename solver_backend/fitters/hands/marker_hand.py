@@ -1,4 +1,4 @@
-"""Fit a hand with a known wrist to its markers, including marker offsets and hand size."""
+"""Solve a hand from its markers, given the wrist. Marker offsets and hand size are estimated too."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ROUNDS, SAMPLE = 3, 150  # Solves, with offsets calibrated between them, and mos
 
 @dataclass(frozen=True)
 class MarkerHand:
-    """A hand solved from markers."""
+    """Hand that was solved from markers, with calibrated marker offsets."""
 
     markers: HandMarkers  # Labels and calibrated sites.
     problem: HandProblem
@@ -55,7 +55,7 @@ def calibrated_hand(
     fps: float,
     settings: SolveSettings,
 ) -> MarkerHand:
-    """Solve a hand of known size, and calibrate its marker offsets between solves."""
+    """Solve a hand of known size several times, and calibrate its marker offsets after each solve."""
     layout = KeyframeLayout.even(len(positions), hand_window(fps))
     keys = np.zeros((layout.num_keys, DOF))
     prior, place = load_hand_prior(), markers.sites.offset
@@ -79,9 +79,10 @@ def calibrated_hand(
 def calibrated_offsets(
     problem: HandProblem, states: np.ndarray, positions: np.ndarray, place: np.ndarray
 ) -> Float[np.ndarray, "markers 3"]:
-    """Return (L, 3) marker offsets in metres, as a weighted mean of observed and initial ones.
+    """Return marker offsets (L, 3) in metres: the weighted mean of observed and initial offsets.
 
-    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)``, where n' frames have independent errors.
+    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)``, where n' frames have independent errors. m
+    is a marker, and G and p are the frame and origin of its segment.
     """
     frames = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(int))
     posed = problem.skeleton.pose(states[frames][:, FINGERS])
@@ -98,7 +99,7 @@ def calibrated_offsets(
 
 
 def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.ndarray) -> float:
-    """Estimate a hand's relative size from the distances between palm markers."""
+    """Estimate a hand's size relative to the skeleton from the distances between palm markers."""
     sites = hand_markers(skeleton, labels).sites
     one, other = np.triu_indices(len(labels), 1)
     rigid = (sites.segment[one] == 0) & (sites.segment[other] == 0)
@@ -113,9 +114,7 @@ def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.n
 
 LEAST_FRAMES = 8  # Smallest number of frames that must show a marker.
 SPREAD_M, REACH_M = 0.008, 0.035
-"""Largest median distances in metres: from a marker to its mean position on a segment, and from this position to the
-bone.
-"""
+"""Largest median distances in metres: from a marker to its mean position on a segment, and from there to the bone."""
 AS_GOOD, AS_GOOD_M = 1.5, 0.002  # Candidates have up to this factor times the smallest spread, plus these metres.
 _SEGMENTS = HandSites(
     np.array([0, *np.repeat(np.arange(5), 3)]), np.array([0, *np.tile(np.arange(1, 4), 5)]), np.zeros((16, 3))
@@ -124,7 +123,7 @@ _SEGMENTS = HandSites(
 
 @dataclass(frozen=True)
 class Extra:
-    """Sites of the additional markers on the hand, and their columns in the candidate array."""
+    """Additional markers that were attached to a hand: their sites, and their columns among the candidates."""
 
     sites: HandSites
     columns: tuple[int, ...]
@@ -133,9 +132,10 @@ class Extra:
 def attach_markers(
     problem: HandProblem, states: Float[np.ndarray, "frames d"], positions: Float[np.ndarray, "frames n 3"]
 ) -> Extra:
-    """Attach markers to hand segments: ``o_s = median_f G_sᵀ (x - p_s)``.
+    """Attach unknown markers to the hand segments that they move with.
 
-    The nearest segment whose offsets are nearly constant is chosen. ``states`` are (F, D), ``positions`` (F, N, 3).
+    The offset of a marker x from segment s is ``o_s = median_f G_sᵀ (x - p_s)``. The nearest segment with nearly
+    constant offsets is chosen. ``states`` are (F, D), ``positions`` (F, N, 3).
     """
     posed = problem.skeleton.pose(states[:, FINGERS])
     R = exp_so3(states[:, :3]) @ problem.wrist.rotations
@@ -163,7 +163,7 @@ def attach_markers(
 
 
 def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> HandMarkers:
-    """Return the hand's markers followed by the attached ones."""
+    """Append the attached markers to the hand's markers."""
     one, other = markers.sites, extra.sites
     pairs = (one.finger, other.finger), (one.segment, other.segment), (one.offset, other.offset)
     sites = HandSites(*(np.concatenate(pair) for pair in pairs))
@@ -173,7 +173,7 @@ def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> H
 def worn_hand(
     measured: HandClouds, side: int, skeleton: HandSkeleton, path: WristPath, fps: float, settings: SolveSettings
 ) -> tuple[HandProblem, tuple[Diagnostic, ...]]:
-    """Return the problem of one hand with its markers, and diagnostics."""
+    """Calibrate one hand with its markers, and return its problem and diagnostics."""
     markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
     hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
     if side not in measured.extra:
@@ -190,7 +190,7 @@ def worn_hand(
 
 
 def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Float[np.ndarray, " 16"]:
-    """Return the (16,) distances in metres between offsets and their bones (nearest metacarpal for the palm)."""
+    """Return the (16,) distances in metres from offsets to their bones (for the palm, the nearest metacarpal)."""
     on_palm = min(_from_line(offset[0], root) for root in problem.skeleton.roots)
     ends = problem.skeleton.bones.reshape(15, 3)
     return np.array([on_palm, *(_from_line(place, end) for place, end in zip(offset[1:], ends, strict=True))])

@@ -1,4 +1,4 @@
-"""Sort hand detections by wrist, estimate their noise, triangulate points and measure hands."""
+"""Assign hand detections to wrists, estimate their noise, triangulate points and measure hand sizes."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ _LOOSE = 3.0  # Robust scale for offsets if none is given.
 
 @dataclass(frozen=True)
 class HandViewTerm:
-    """Reprojection term of a hand, with an offset o of the whole hand in each view.
+    """Reprojection term of a hand in which each view may shift the whole hand by an offset o.
 
     ``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``. A misplaced detector crop moves all 21
-    hand points equally, so together they locate it no better than one point. Eliminating o leaves ``H = Σ_l w PᵀP -
-    (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
+    hand points equally, so together they locate the hand no better than one point. Eliminating o leaves
+    ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view, where P is the derivative of the projection.
     """
 
     points: ReprojectionTerm  # Each point has its own noise.
     whole_px: Float[np.ndarray, " views"]  # (C,) px, τ: standard deviation per axis of an offset.
 
     def select(self, frames: Any) -> HandViewTerm:
-        """Return the term for the frames at these indices (or in this slice)."""
+        """Return the term for frames that are selected by indices or a slice."""
         return replace(self, points=self.points.select(frames))
 
     def astype(self, precision: Any) -> HandViewTerm:
@@ -54,15 +54,15 @@ class HandViewTerm:
         return replace(self, points=self.points.astype(precision))
 
     def rescaled(self, variance: np.ndarray) -> HandViewTerm:
-        """Return the term with the points' independent variance multiplied by ``variance``."""
+        """Scale the noise variance of the points by a factor that broadcasts with (C, F, L)."""
         return replace(self, points=self.points.rescaled(variance))
 
     def leverage(self, points: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """Return the (C, F, L) share of each view's error that enters a point."""
+        """Return the (C, F, L) leverage of each view on a triangulated point (see ``DataTerm``)."""
         return self.points.leverage(points, used)
 
     def residuals(self, points: np.ndarray) -> Residuals:
-        """Return the residuals in pixels at (F, L, 3) positions, without the views' offsets."""
+        """Return the reprojection errors in pixels at (F, L, 3) positions, after removing each view's offset."""
         found = self.points.residuals(points)
         offset = self._offsets(found.error, np.where(found.measured, self.points.weight, 0.0), _LOOSE)[0]
         error = np.where(found.measured[..., None], found.error - offset[:, :, None], 0.0)
@@ -94,7 +94,7 @@ class HandViewTerm:
     def _offsets(
         self, error: np.ndarray, weight: np.ndarray, scale: float
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-        """Estimate the (C, F, 2) offsets of the hand in each view in pixels, with costs and robust weights.
+        """Estimate the offset of the hand (C, F, 2) in each view in pixels, with costs and robust weights.
 
         Costs and weights are (C, F, L) for points and (C, F) for offsets. ``error`` (C, F, L, 2) is in px and
         ``weight`` (C, F, L) in 1/px². Both are 0 where nothing was measured.
@@ -125,7 +125,7 @@ _MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared 2D Gaussian length, in
 
 @dataclass(frozen=True)
 class HandNoise:
-    """Standard deviations per axis, in pixels, of the hand detections in a take."""
+    """Noise of a take's hand detections: standard deviations per axis in pixels."""
 
     own_px: Float[np.ndarray, " points"]  # (21,) of each point relative to its hand.
     whole_px: Float[np.ndarray, " views"]  # (C,) of the whole hand in each view, including constant errors.
@@ -133,7 +133,7 @@ class HandNoise:
 
 @dataclass(frozen=True)
 class LocatedHand:
-    """A hand triangulated from the views alone."""
+    """Hand triangulated from the views, without a prior."""
 
     points: Float[np.ndarray, "frames 21 3"]  # (F, 21, 3) metres, NaN where no two views agree or no view shows it.
     spread_m2: Float[np.ndarray, "frames 21"]  # (F, 21) trace of each point's covariance relative to its hand.
@@ -141,7 +141,7 @@ class LocatedHand:
 
 
 def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
-    """Triangulate each hand that is visible in any view, in every other frame."""
+    """Triangulate each hand that two views show, and estimate the noise of its detections."""
     both = views.xy.shape[2] * NUM_HAND_POINTS
     xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
     confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)
@@ -166,8 +166,8 @@ def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
 def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNoise:
     """Estimate the noise of one hand's detections ``xy`` (C, n, 21, 2) in pixels.
 
-    The mean residual of a view's hand gives the view's offset, and the rest gives the noise of the points.
-    Triangulating a point from V views absorbs 3 of its 2 V errors, so both variances are scaled by ``2 V / (2 V - 3)``.
+    The mean residual of a view's hand gives the view's offset, and the rest gives the noise of the points. A point
+    triangulated from V views absorbs 3 of its 2 V errors, so both variances are scaled by ``2 V / (2 V - 3)``.
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
     kept = np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
@@ -202,9 +202,10 @@ ALONE = 0.04  # Weight of a hand visible in only one view, which cannot tell a p
 
 
 def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
-    """Return the data term of one hand (0 left, 1 right) with (F, 3) wrists in metres.
+    """Build the data term of one hand (0 left, 1 right) with wrist positions (F, 3) in metres.
 
-    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px², for a palm of s = f 0.09 m / z px at depth z, and model error m.
+    The noise variance in px² is ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²``, for a palm of ``s = f 0.09 m / z`` px
+    at depth z, focal length f, and model error m.
     """
     px_per_m = pixels_per_metre(views, wrists)[..., None]
     small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
@@ -223,7 +224,7 @@ def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"]
 
 
 def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, "views frames"]:
-    """Return the (C, F) image size in pixels of one metre at (F, 3) positions."""
+    """Return the image size (C, F) in pixels of one metre at (F, 3) positions."""
     cameras = views.cameras
     depth = project_with_jacobian(cameras, wrists)[2]
     return np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)
@@ -236,18 +237,18 @@ LEAST_FRAMES = 3  # Shorter frame ranges are corrected without a diagnostic.
 
 @dataclass(frozen=True)
 class SortedHands:
-    """Hand detections sorted by side, and diagnostics about swapped and excluded hands."""
+    """Hand detections assigned to the left and right wrist, and diagnostics about swapped and excluded hands."""
 
     views: HandViews
     diagnostics: tuple[Diagnostic, ...]
 
 
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
-    """Assign hand detections to the nearest wrists, and exclude hands that are far from both.
+    """Assign hand detections to the nearest wrists, and exclude hands that are far from both wrists.
 
-    A view's two hands are swapped if each is nearer to the other wrist. A single hand then changes its side. Frames in
-    which the hands meet follow the unambiguous frames before and after, if these agree. ``wrists`` and ``elbows`` are
-    (F, 2, 3) positions on the solved body in metres, left first.
+    If each of a view's two hands is nearer to the other wrist, they are swapped. A single hand changes its side in the
+    same way. Where the hands meet, a frame follows the unambiguous frames before and after, if these agree. ``wrists``
+    and ``elbows`` are (F, 2, 3) positions on the solved body in metres, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))
     forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
@@ -271,7 +272,7 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
 
 
 def _as_around(decided: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Return a (C, F) mask of swapped hands, given decisions 1, -1 and 0 (unclear).
+    """Return a (C, F) mask of swapped hands from the decisions 1 (swapped), -1 (correct) and 0 (unclear).
 
     Unclear frames between two swapped ranges count as swapped if the gap is not longer than both ranges together.
     ``shown`` (C, F) marks the frames that show a hand.
@@ -307,7 +308,7 @@ NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitte
 
 @dataclass(frozen=True)
 class HandSize:
-    """A hand's size relative to the body's shape, and its deviation (1 and inf if unknown)."""
+    """Hand size relative to the body's shape, with its standard deviation (1 and inf if unknown)."""
 
     scale: float
     sigma: float
@@ -318,10 +319,11 @@ def hand_size(
 ) -> HandSize:
     """Estimate the size of a hand relative to the skeleton from its triangulated bones.
 
-    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴`` is a least-squares fit in which all squares have equal errors.
-    Noise of variance v makes a bone look longer: a 25 mm finger bone by a quarter if its ends have errors of 10 mm. The
-    standard deviation is computed from the agreement between bones and from the subtracted variance. ``spread`` (F, 21)
-    in m² is the trace of each point's covariance relative to its hand.
+    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴`` is a least-squares fit that gives all squared lengths equal
+    errors. L_b are the skeleton's bone lengths and d_bf the triangulated bones. Noise of variance v makes a bone look
+    longer: a 25 mm finger bone by a quarter if its ends have errors of 10 mm. The standard deviation is computed from
+    the agreement between bones and from the subtracted variance. ``spread`` (F, 21) in m² is the trace of each point's
+    covariance relative to its hand.
     """
     one, other = _MEASURED.T
     square, rest = (((p[..., one, :] - p[..., other, :]) ** 2).sum(-1) for p in (points, skeleton.points_at_rest))
@@ -339,20 +341,21 @@ def hand_size(
 
 
 def likely_size(hands: Iterable[HandSize]) -> float:
-    """Return the most likely hand size: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``."""
+    """Return the most likely hand size: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``, with ``USUAL`` as σ₀."""
     known = [(1.0, USUAL**-2), *((hand.scale, hand.sigma**-2) for hand in hands)]
     return float(sum(scale * weight for scale, weight in known) / sum(weight for _, weight in known))
 
 
 USUAL_WRIST_M = 0.02  # Standard deviation per axis of a wrist if the method does not estimate it, chosen by hand.
 OWN_PALMS, WHOLE_PALMS = 0.106, 0.05
-"""Deviations per axis, in palm lengths, of points relative to their hand and of whole hands, which one view cannot
-measure. From MediaPipe's model on palms of 35 to 60 px (``python -m tests.benchmarks.hands.real_noise``)."""
+"""Standard deviations per axis, in palm lengths, of points relative to their hand and of whole hands, which cannot be
+measured in one view. From MediaPipe's model on palms of 35 to 60 px
+(``python -m tests.benchmarks.hands.real_noise``)."""
 
 
 @dataclass(frozen=True)
 class MeasuredHand:
-    """A hand that is ready to be solved."""
+    """Hand that is ready to be solved, with its initial points."""
 
     problem: HandProblem
     located: np.ndarray  # (F, 21, 3) initial positions in metres, NaN where a point is not triangulated.
@@ -360,7 +363,7 @@ class MeasuredHand:
 
 @dataclass(frozen=True)
 class MeasuredHands:
-    """The hands in a take, ready to be solved."""
+    """All hands of a take that are ready to be solved."""
 
     skeletons: tuple[HandSkeleton, HandSkeleton]  # Left and right.
     hands: Mapping[int, MeasuredHand]  # By side, 0 left and 1 right. Sides that are never visible are missing.
@@ -370,7 +373,7 @@ class MeasuredHands:
 
 @dataclass(frozen=True)
 class ArmPaths:
-    """Both arms of a body as (F, 2, ...) arrays, left first, in metres and m²."""
+    """Rotations and positions of both wrists, and elbow positions, as (F, 2, ...) arrays, left first, in metres."""
 
     rotations: np.ndarray
     wrists: np.ndarray
@@ -378,7 +381,7 @@ class ArmPaths:
     covariance: np.ndarray
 
     def of(self, side: int) -> WristPath:
-        """Return the path of one wrist."""
+        """Return the wrist path of one side."""
         return WristPath(self.rotations[:, side], self.wrists[:, side], self.covariance[:, side])
 
 
@@ -390,7 +393,7 @@ def measure_hands(
     settings: SolveSettings,
     size: float | None,
 ) -> MeasuredHands:
-    """Prepare both hands of a body to be solved. Their ``size`` is given or measured."""
+    """Prepare both hands of a solved body for solving. Their ``size`` is given or measured."""
     arms, betas = arm_paths(solved), to_numpy(solved.subject.betas)
     left, right = unscaled = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
     hands = dict[int, MeasuredHand]()
@@ -419,7 +422,7 @@ def measure_hands(
 
 
 def arm_paths(solved: SolvedFrames) -> ArmPaths:
-    """Return the wrist and elbow paths of a solved body."""
+    """Compute the wrist and elbow paths of a solved body."""
     body, frames = solved.subject.body, solved.frames
     parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
     posed = forward_kinematics(body, *parts)
@@ -432,7 +435,7 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands in a single view by side, given ``wrists`` (F, 2, 3), left first."""
+    """Return the hands in a single view by side, without triangulated points. ``wrists`` are (F, 2, 3), left first."""
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
         shown = (views.confidence[0, :, side] > 0).any(axis=-1)

@@ -1,4 +1,4 @@
-"""Store hands visible in views or marker clouds, before they are sorted and measured."""
+"""Define the hands that views or marker clouds show, before they are assigned to wrists and measured."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.types import Cameras, Keypoints2D, MarkerCloud
 
 @dataclass(frozen=True)
 class HandViews:
-    """Detected points of both hands in C views over F frames."""
+    """Detected points of both hands in C views and F frames."""
 
     cameras: Cameras  # C calibrated cameras.
     xy: np.ndarray  # (C, F, 2, 21, 2) px, left hand first, NaN where unseen.
@@ -23,7 +23,7 @@ class HandViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> HandViews | None:
-        """Return a person's hands, or None if no view shows both a hand and the body."""
+        """Return a person's hand detections, or None if no view shows both a hand and the body."""
         if keypoints.hands is None:
             return None
         with_body = (keypoints.confidence > 0).any(axis=-1)[..., None, None]
@@ -37,7 +37,7 @@ NEAR_M, OFTEN = 0.06, 0.8
 
 @dataclass(frozen=True)
 class HandClouds:
-    """Markers on one or both hands over F frames."""
+    """Markers on one or both hands in F frames."""
 
     labels: Mapping[int, tuple[str, ...]]  # Locations from ``hand_markers`` by side, 0 left and 1 right.
     positions: Mapping[int, np.ndarray]  # (F, L, 3) metres by side, NaN where missing.
@@ -50,8 +50,8 @@ def split_hands(
 ) -> tuple[MarkerCloud, HandClouds | None]:
     """Split a cloud into body markers and hand markers, such as ``L_FT2``.
 
-    An unknown marker belongs to a hand if it stays close to it. A cloud without hand markers is returned unchanged.
-    ``own`` maps labels to user-assigned marker positions, see ``read_label_places``.
+    An unknown marker that stays close to a hand marker belongs to the hand. A cloud without hand markers is returned
+    unchanged. ``own`` maps labels to user-assigned marker positions (see ``read_label_places``).
     """
     labels = cloud.names
     found = hand_columns([own.get(label, label) for label in labels])

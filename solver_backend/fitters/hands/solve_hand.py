@@ -1,4 +1,4 @@
-"""Solve one hand over a take: objective, equations, keys, passes and covariance."""
+"""Solve one hand over a take: objective, normal equations, keyframes and covariance."""
 
 from __future__ import annotations
 
@@ -39,23 +39,23 @@ from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types.shapes import Bool, Float
 
 TURN, SHIFT, FINGERS = slice(0, 3), slice(3, 6), slice(6, 6 + NUM_ANGLES)
-"""Parts of a key: world rotation vector relative to the body's wrist, shift in metres, finger angles in radians."""
+"""Entries of a keyframe: world rotation vector from the body's wrist, shift in metres, finger angles in radians."""
 DOF = FINGERS.stop  # Degrees of freedom of a key.
 KEY = StateLayout((Block("turn", 3), Block("shift", 3), Block("fingers", NUM_ANGLES)))  # Layout of a key.
 FLOOR = 1e-3  # Smallest precision of every unknown.
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
-    """Interpolate the frames of N windows by parabolas through each window's three keys."""
+    """Interpolate the states in N windows of frames by parabolas through each window's three keyframes."""
     triples = np.stack([keys[i : len(keys) - 2 + i : 2] for i in range(3)], axis=1)
     return (lagrange(rows.time) @ triples).reshape(-1, keys.shape[1])
 
 
 def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows]:
-    """Return the (N n, D, D) covariances of the states in the frames of N windows, and these frames.
+    """Return the covariances (N n, D, D) of the states in the frames of N windows, and these frames.
 
-    The covariance is ``Σ_ab w_a w_b S_ab`` over the three keys of each window, where S are blocks of the inverse (see
-    ``marginals``).
+    The covariance is ``Σ_ab w_a w_b S_ab`` over the three keyframes a and b of each window, where S are blocks of the
+    inverse matrix (see ``marginals``) and w are weights of the parabola.
     """
     diagonal, upper = system.marginals()
     rows = layout.rows()
@@ -73,18 +73,18 @@ def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.
 
 
 GIVES_WAY_M, SIGMA_M = 0.002, 0.001
-"""Overlap in metres that soft skin allows, and standard deviation of any further overlap: half the spread of finger
-widths among people.
-"""
+"""Overlap of two fingers in metres that soft skin allows, and standard deviation of any further overlap: half the
+spread of finger widths among people."""
 
 
 def contact_equations(
     points: Float[np.ndarray, "n 21 3"], jacobian: Float[np.ndarray, "n 21 3 d"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return costs (n,), gradients and Gauss-Newton matrices for ``½ Σ max(depth - δ, 0)² / σ²``.
+    """Penalise intersecting fingers by ``½ Σ max(depth - δ, 0)² / σ²``.
 
-    Sliding of the nearest points along two bones changes their distance only to second order and is ignored. ``points``
-    (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian`` (n, 21, 3, D) their derivative w.r.t. the state.
+    Return costs (n,), gradients and Gauss-Newton matrices. Sliding of the nearest points along two bones changes their
+    distance only to second order and is ignored. ``points`` (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian``
+    (n, 21, 3, D) their derivative w.r.t. the state.
     """
     count, dof = len(points), jacobian.shape[-1]
     cost, gradient, hessian = np.zeros(count), np.zeros((count, dof)), np.zeros((count, dof, dof))
@@ -115,17 +115,17 @@ ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
 
 @dataclass(frozen=True)
 class WristPath:
-    """Rotation and position of a body's wrist over F frames."""
+    """Wrist of a solved body over F frames, which a hand solve starts from."""
 
     rotations: Float[np.ndarray, "frames 3 3"]  # (F, 3, 3) from the hand's axes at rest to the world.
     places: Float[np.ndarray, "frames 3"]  # (F, 3) metres.
     covariance: Float[np.ndarray, "frames 3 3"] | None = None
-    """(F, 3, 3) covariance of the position in m². None if the path is only an initial value and constrains nothing."""
+    """(F, 3, 3) covariance of the position in m². None if the path is only an initial guess and constrains nothing."""
 
 
 @dataclass(frozen=True)
 class HandProblem:
-    """Measurements, skeleton and priors of one hand over F frames."""
+    """Measurements, skeleton and priors for solving one hand over F frames."""
 
     skeleton: HandSkeleton
     sites: HandSites  # The L measured points.
@@ -137,18 +137,18 @@ class HandProblem:
 
     @property
     def num_frames(self) -> int:
-        """Number of frames, F."""
+        """Number of frames in the take."""
         return len(self.wrist.places)
 
     def select(self, frames: np.ndarray) -> HandProblem:
-        """Return the problem restricted to these frames."""
+        """Return the problem restricted to frames that are selected by indices."""
         wrist = self.wrist
         covariance = None if wrist.covariance is None else wrist.covariance[frames]
         path = WristPath(wrist.rotations[frames], wrist.places[frames], covariance)
         return replace(self, wrist=path, term=self.term.select(frames))
 
     def points(self, states: np.ndarray, frames: np.ndarray | None = None) -> Float[np.ndarray, "frames sites 3"]:
-        """Return the (n, L, 3) world positions of the points for states (n, D) in frames."""
+        """Return the world positions (n, L, 3) of the measured points for states (n, D) in n frames."""
         frames = np.arange(self.num_frames) if frames is None else frames
         own = self.skeleton.sites(self.skeleton.pose(states[:, FINGERS]), self.sites)
         arms = own @ np.swapaxes(self._turns(states, frames), 1, 2)
@@ -157,7 +157,7 @@ class HandProblem:
     def evaluate(
         self, states: np.ndarray, frames: np.ndarray, scale: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return costs (n,), gradients and Gauss-Newton matrices of the data in ``frames``."""
+        """Return costs (n,), gradients and Gauss-Newton matrices of the data in n frames."""
         points, jacobian = self._placed(states, frames)
         found = self.term.select(frames)(points, scale)
         flat = jacobian.reshape(len(states), -1, DOF)
@@ -179,15 +179,15 @@ class HandProblem:
         return cost, gradient, hessian
 
     def jacobian(self, states: np.ndarray) -> Float[np.ndarray, "frames sites 3 d"]:
-        """Return the (F, L, 3, D) derivatives of the points w.r.t. the states in all frames."""
+        """Return the derivatives (F, L, 3, D) of the points w.r.t. the states in all frames."""
         return self._placed(states, np.arange(self.num_frames))[1]
 
     def at(self, sites: HandSites) -> HandProblem:
-        """Return the problem with other points, which do not match its data term."""
+        """Return the problem with other points on the hand, to which its data term does not apply."""
         return replace(self, sites=sites)
 
     def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return points (n, L, 3) and their derivatives (n, L, 3, D): ``y = t + δ + exp(ω) R q(angles)``."""
+        """Return points (n, L, 3) ``y = t + δ + exp(ω) R q(angles)`` and their derivatives (n, L, 3, D)."""
         posed = self.skeleton.pose(states[:, FINGERS])
         own = self.skeleton.sites(posed, self.sites)
         R = self._turns(states, frames)
@@ -204,25 +204,26 @@ class HandProblem:
 
 @dataclass(frozen=True)
 class KeyModel:
-    """A hand's objective as a function of its keys."""
+    """Objective of a hand as a function of its keyframes."""
 
     problem: HandProblem
     layout: KeyframeLayout
     moving: Bool[np.ndarray, " keys"] | None = None  # (K,) keys that move. None means all.
 
     def linearise(self, state: np.ndarray, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
-        """Return the (1,) cost and the normal equations for (K, D) keys."""
+        """Return the (1,) cost and the normal equations at (K, D) keyframes."""
         cost, equations = self.equations(state, scale)
         return np.array([cost]), equations.block_tridiagonal()
 
     def retract(self, state: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Return the keys after a step."""
+        """Add a step to the keyframes."""
         return state + step.reshape(-1, DOF)[: len(state)]
 
     def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyframeNormalEquations]:
         """Return the cost and normal equations of data, wrist, hand prior and accelerations.
 
-        With spacings h and h', ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``.
+        With spacings h and h' of keyframes:
+        ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``.
         """
         rows, count = self.layout.rows(), self.layout.num_windows
         costs, gradient, hessian = self.problem.evaluate(states_at(keys, rows), rows.frames.reshape(-1), scale)
@@ -263,7 +264,7 @@ NEAR, DONE = 1e-2, 1e-3  # Relative cost decreases at which a solve ends: at wid
 
 @dataclass(frozen=True)
 class HandKeys:
-    """The solved keys of a hand, with the cost at the last robust scale."""
+    """Solved keyframes of a hand, with the cost at the last robust scale."""
 
     keys: Float[np.ndarray, "keys d"]
     cost: float
@@ -273,19 +274,19 @@ class HandKeys:
 def solve_keys(
     model: KeyModel, keys: np.ndarray, scales: Sequence[float], iterations: int, alive: Callable[[], None]
 ) -> HandKeys:
-    """Minimise the objective at one robust scale after another, starting from (K, D) keys."""
+    """Minimise the objective at one robust scale after another, starting from (K, D) keyframes."""
     stages = [(scale, LMSettings(iterations, NEAR if scale > scales[-1] else DONE, promise=1.0)) for scale in scales]
     found = minimise(model, keys, stages, alive)
     return HandKeys(found.state, float(found.cost[0]), Convergence.of(found))
 
 
 def frame_states(model: KeyModel, keys: np.ndarray) -> Float[np.ndarray, "frames d"]:
-    """Return the (F, D) states in all frames, on a spline with continuous velocity and acceleration."""
+    """Return the states (F, D) in all frames, on a spline through the keyframes with continuous acceleration."""
     return spline_states(keys, model.layout)
 
 
 def frame_covariances(model: KeyModel, keys: np.ndarray, scale: float) -> Float[np.ndarray, "frames d d"]:
-    """Return the (F, D, D) covariances of the states in all frames."""
+    """Return the covariances (F, D, D) of the states in all frames."""
     system = model.linearise(keys, scale)[1]
     found, rows = covariance_at(system, model.layout)
     covariance = np.zeros((model.problem.num_frames, *found.shape[1:]))
@@ -300,7 +301,7 @@ FARTHEST_M = 0.08  # Largest distance in metres between the initial wrist and th
 def initial_keys(
     skeleton: HandSkeleton, wrist: WristPath, points: np.ndarray, layout: KeyframeLayout, prior: HandPrior
 ) -> Float[np.ndarray, "keys d"]:
-    """Return (K, D) initial keys from triangulated points, or from the relaxed hand."""
+    """Estimate initial keyframes (K, D) from triangulated points, or from the relaxed hand where points are missing."""
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
@@ -320,7 +321,7 @@ def initial_keys(
 
 
 def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit rotations (F, 3, 3) from rest to world to the palm (Kabsch 1976). Also return a mask."""
+    """Fit the palm's rotations (F, 3, 3) from rest to world (Kabsch 1976). Also return a mask of usable frames."""
     palm, rest = points[:, PALM], skeleton.points_at_rest[list(PALM)]
     seen = np.isfinite(palm).all(-1)
     located = (seen.sum(1) >= LEAST_PALM) & seen[:, 0]
@@ -334,7 +335,7 @@ def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    """Return (K, d) weighted temporal means of (F, d) values, regularised towards ``otherwise``."""
+    """Average (F, d) values over time with the weights ``near`` (K, F), regularised towards ``otherwise``."""
     known = np.isfinite(values)
     weight, least = near @ known, 0.1
     return (near @ np.where(known, values, 0.0) + least * otherwise) / (weight + least)
@@ -343,14 +344,14 @@ def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.nd
 WINDOW = 12  # Frames at 60 Hz in a window with three keys. Fingers open and close in a fifth of a second.
 INFORMED = 0.7  # Largest deviation of the knuckle bend of an observed finger, relative to the prior's.
 CALIBRATION = 0.5
-"""Factor applied to the posterior variance, so that 95 % ellipsoids contain 90 % of simulated joints (see hands.md)."""
+"""Factor on the posterior variance, so that 95 % ellipsoids contain 90 % of simulated joints (see hands.md)."""
 CONSTANT_M = 0.004  # Deviation per axis of errors that do not average out: bone lengths, calibration, detector bias.
 THROUGH_M = 0.006  # Overlap of two fingers that soft skin cannot explain: a third of a finger's width.
 
 
 @dataclass(frozen=True)
 class SolvedHand:
-    """The solution of one hand over F frames."""
+    """Solution of one hand over F frames."""
 
     problem: HandProblem
     turn: Float[np.ndarray, "frames 3"]  # Wrist rotation vectors relative to the body's wrist, in world axes.
@@ -363,14 +364,14 @@ class SolvedHand:
 
     @property
     def states(self) -> Float[np.ndarray, "frames d"]:
-        """(F, D) rotation vectors, shifts and finger angles."""
+        """(F, D) rotation vectors, shifts and finger angles in one array."""
         return np.concatenate([self.turn, self.shift, self.angles], axis=1)
 
 
 def solve_hand(
     problem: HandProblem, located: np.ndarray, settings: SolveSettings, alive: Callable[[], None] = lambda: None
 ) -> SolvedHand:
-    """Solve all keys of a hand over a take, and learn the views' noise between passes.
+    """Solve a hand over a take, and learn the noise of the views between passes.
 
     ``located`` are (F, 21, 3) initial positions in metres, NaN for unknown points.
     """
@@ -380,14 +381,14 @@ def solve_hand(
 
 
 def hand_window(fps: float) -> int:
-    """Return the number of frames per hand window at this frame rate."""
+    """Return the number of frames in a window with three keyframes, at this frame rate."""
     return max(2, round(WINDOW * fps / REFERENCE_FPS))
 
 
 def solve_from(
     model: KeyModel, starts: Sequence[np.ndarray], settings: SolveSettings, alive: Callable[[], None]
 ) -> SolvedHand:
-    """Solve a hand from several sets of initial keys, and return the best solution."""
+    """Solve a hand from several sets of initial keyframes, and return the best solution."""
     problem, scale = model.problem, settings.robust_scale
     # Fingers may pass through each other during the solve, but must not intersect in the result.
     through = replace(model, problem=replace(problem, keeps_apart=False))
@@ -412,7 +413,7 @@ def solve_from(
 
 
 def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:
-    """Solve overlapping fingers again, and keep the result if they overlap less.
+    """Solve intersecting fingers again, and keep the result if they intersect less.
 
     Fingers that have passed through each other stay on the wrong side, because the objective keeps them apart.
     """
@@ -429,14 +430,14 @@ def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, a
 
 
 def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d"], scale: float) -> HandProblem:
-    """Return the problem with each point's noise learned from the residuals."""
+    """Learn the noise of each point from the residuals of a solve, and return the problem with this noise."""
     sample = np.unique(np.linspace(0, len(states) - 1, min(len(states), SAMPLE_FRAMES)).astype(int))
     points = problem.points(states[sample], sample)
     return replace(problem, term=reweighted_by_points(points, problem.term.select(sample), problem.term, scale))
 
 
 def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarray, "frames 5"]:
-    """Return an (F, 5) mask of fingers whose deviations are smaller than the prior's."""
+    """Return an (F, 5) mask of fingers that the data determine better than the prior alone."""
     variance = np.diagonal(spread[:, FINGERS, FINGERS], axis1=1, axis2=2)
     bends = (KIND_OF != SPREAD) & (JOINT_OF == 1)
     share = np.zeros((len(spread), 5))

@@ -1,4 +1,4 @@
-"""Solve both hands of a solved body, and let the arms follow."""
+"""Solve both hands of a solved body, and adjust the arms to the wrists."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _UNSEEN_M = 0.04  # Standard deviation per axis of the joints of a hand that no 
 
 
 def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, object]) -> Motion:
-    """Add fingers and ``statistics`` to a motion. Unobserved fingers are relaxed."""
+    """Add the solved fingers and their ``statistics`` to a motion. Unobserved fingers are relaxed."""
     body = with_hand_size(hands.body, hands.size)
     layout, narrow, frames = body.layout, motion.body_layout, motion.num_frames
     shared = [narrow.joints.index(name) for name in layout.joints if name in narrow.joints]
@@ -86,7 +86,7 @@ def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, obje
 
 
 def _fingers(hand: SolvedHand, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (n, 15, 3) rotation vectors, (n, 15, 6) covariances and (n, 15) resting flags."""
+    """Return rotation vectors (n, 15, 3), covariances (n, 15, 6) and resting flags (n, 15) of the finger joints."""
     turns = log_so3(by_joint(hand.problem.skeleton.local_rotations(hand.angles[frames])))
     joints = hand.covariance[frames][:, 1:].reshape(-1, 5, 4, 3, 3)[:, :, :3]
     return turns, packed(by_joint(joints)), by_joint(np.repeat(~hand.informed[frames][:, :, None], 3, axis=2))
@@ -101,7 +101,7 @@ def _widened(
     frames: np.ndarray | slice = slice(None),
     **parts: Any,
 ) -> Motion:
-    """Return the motion on a body with fingers, which begin at joint ``first``."""
+    """Return the motion on a body with fingers, given rotations that include them from joint ``first``."""
     posed = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
     if motion.flags is not None and resting is not None:
         flags = motion.flags.astype(np.uint8)
@@ -114,7 +114,7 @@ def _widened(
 def without_fingers(motion: Motion) -> Motion:
     """Remove the fingers from a motion. Return the same motion if it has none.
 
-    At the knuckles of the middle fingers, SMPL's hand joints replace the fingers, without rotation.
+    SMPL's hand joints replace the knuckles of the middle fingers. They are not rotated.
     """
     layout = motion.body_layout
     if layout.joints == SMPL.joints or not set(SMPL_HANDS.joints) <= set(layout.joints):
@@ -131,17 +131,17 @@ def without_fingers(motion: Motion) -> Motion:
 
 
 def hand_size_in(motion: Motion) -> float:
-    """Return a motion's hand size relative to the body, or 1 if it has no hands."""
+    """Return a motion's hand size relative to the body's shape, or 1 if it has no hands."""
     return float(motion.provenance.get("hands", {}).get("size", 1.0))
 
 
 def with_fingers_of(
     motion: Motion, earlier: Motion, solved: SolvedRange, hands: Mapping[int, HandRange], body: Body
 ) -> Motion:
-    """Add fingers to a motion that was solved again, taking them from the earlier motion where needed.
+    """Add fingers to a motion after a frame range was solved again. They come from the earlier motion where needed.
 
     Solved fingers join the earlier ones at the ends of the range, and match the pinned poses. The difference fades
-    linearly to the next pin or end. A motion without fingers stays unchanged if ``earlier`` has none.
+    linearly to the next pin or end. If ``earlier`` has no fingers, the motion stays unchanged.
     """
     if earlier.body_layout.num_joints == motion.body_layout.num_joints:
         return motion
@@ -172,7 +172,7 @@ def with_fingers_of(
 
 
 def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -> np.ndarray:
-    """Return the (F, J, 3) corrections that make the fingers match the earlier ones at range ends and pins."""
+    """Return corrections (F, J, 3) that make finger rotations match the earlier ones at range ends and pins."""
     wanted, moved = solved.frame_range, set(solved.moved.tolist())
     pins = {pin.frame: pin.body_pose.reshape(-1, 3) for pin in wanted.pins}
     wide = {frame: pose[-before.shape[1] :] for frame, pose in pins.items() if len(pose) > SMPL.num_joints - 1}
@@ -192,7 +192,7 @@ _WRISTS = [
     SMPL_HANDS.joints.index(f"{SMPL_HANDS.groups[j].removesuffix('_hand')}_wrist")
     for j in range(FIRST_FINGER, SMPL_HANDS.num_joints)
 ]
-"""Wrist joint for each finger joint."""
+"""Wrist joint of each finger joint."""
 
 
 def with_finger_turns(
@@ -201,7 +201,7 @@ def with_finger_turns(
     turns: Float[np.ndarray, "frames 30 3"],
     resting: Bool[np.ndarray, "frames 30"] | None = None,
 ) -> Motion:
-    """Return a motion that has the joints in ``SMPL_HANDS`` and the given finger rotations.
+    """Give a motion the joints of ``SMPL_HANDS`` and the given finger rotations.
 
     A finger joint gets the uncertainty of its wrist, because gloves and clips do not state any.
 
@@ -233,7 +233,7 @@ def with_finger_turns(
 
 
 def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
-    """Return the (F, 30, 3) rotations of a motion's finger joints, or None."""
+    """Return the (F, 30, 3) axis-angle rotations of a motion's finger joints, or None if it has none."""
     if not set(SMPL_HANDS.joints) <= set(motion.body_layout.joints):
         return None
     columns = [motion.body_layout.joints.index(joint) - 1 for joint in SMPL_HANDS.joints[FINGER_JOINTS]]
@@ -242,9 +242,7 @@ def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
 
 STEPS = 6  # Gauss-Newton steps. Shifts are at most a few centimetres. Three steps are enough for bent arms.
 COLLAR = 0.1
-"""How easily the collar rotates compared with shoulder and elbow. Chosen by hand: Pose2Sim's balancing trial needs 11
-degrees.
-"""
+"""Mobility of the collar relative to shoulder and elbow, by hand: Pose2Sim's balancing trial needs 11 degrees."""
 PRONATION = 0.5  # The elbow's share of a hand's twist about the forearm, as in the recordings behind the pose prior.
 LOADING_M2 = 1e-4  # Damping of the normal matrix in m², for wrists beyond the reach of arm and collar.
 
@@ -257,7 +255,7 @@ def follow_hand(
     turn: Float[np.ndarray, "frames 3"],
     shift: Float[np.ndarray, "frames 3"],
 ) -> PosedFrames:
-    """Return the poses with one wrist rotated (world vectors) and shifted.
+    """Rotate and shift one wrist, and adjust the arm to it. ``turn`` are world rotation vectors.
 
     ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))`` are the smallest rotations of the arm's joints (Whitney 1969).
     """
@@ -292,7 +290,7 @@ def follow_hand(
 
 
 def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return (F, 3) twists of rotations about an axis: ``2 atan2(q·a, w)``."""
+    """Return the twist vectors (F, 3) of rotations about an axis a: ``2 atan2(q·a, w) a``."""
     axis = axis / np.linalg.norm(axis)
     q = quat_from_matrix(R)
     angle = 2.0 * np.arctan2(q[:, 1:] @ axis, q[:, 0])
@@ -320,7 +318,7 @@ class SolvedHands(SolvedLayer):
 
 @dataclass(frozen=True)
 class Hands(Layer):
-    """Both hands of one person. They are solved after the body, with wrists that the arms follow."""
+    """Layer of a solve for both hands of one person. They are solved after the body, and the arms follow."""
 
     shown: HandViews | HandClouds  # Views or markers that show the hands.
     SETTINGS: ClassVar[frozenset[str]] = frozenset({"learn_noise"})
@@ -328,13 +326,13 @@ class Hands(Layer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Solve the hands at their wrists, and let the arms follow."""
+        """Solve the hands at the body's wrists, and adjust the arms."""
         solved, hands = solve_hands(self.shown, solved, problem.fps, settings, progress)
         return solved, hands or self
 
 
 def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...]:
-    """Return a layer for a person's hands, or none if no view shows any."""
+    """Return a layer for a person's hands, or no layer if no view shows a hand."""
     views = HandViews.of(cameras, keypoints)
     return () if views is None else (Hands(views),)
 
@@ -342,9 +340,9 @@ def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...
 def solve_hands(
     shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
-    """Solve the hands, and return the adjusted arms and the hands, or None for hands if the take is too short.
+    """Solve the hands of a solved body, and adjust its arms. A take that is too short has no hands (None).
 
-    A body model without fingers has no hands, which a diagnostic reports.
+    If the body model has no fingers, a diagnostic reports that hands are not solved.
     """
     frames = np.arange(len(solved.frames.transl))
     if len(frames) < LEAST_FRAMES:
@@ -372,7 +370,6 @@ def _solve_each(
     solve: Callable[[int, MeasuredHand, Callable[[], None]], HandRange],
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Solve each measured hand. Return the poses with adjusted arms, and the hands by side."""
     hands = dict[int, HandRange]()
     subject, poses, count = solved.subject, solved.frames, len(found.hands)
     for number, (side, hand) in enumerate(found.hands.items()):
@@ -388,7 +385,7 @@ def _solve_each(
 
 
 def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic if observed fingers intersect for several frames."""
+    """Return a diagnostic if observed fingers intersect in several consecutive frames."""
     deep = np.where(hand.informed.any(axis=1), finger_overlap(hand.points), 0.0)
     runs = [run for run in true_runs(deep > THROUGH_M) if run[1] - run[0] + 1 >= THROUGH_FRAMES]
     if not runs:
@@ -398,7 +395,7 @@ def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
 
 
 def statistics(hands: SolvedHands) -> dict[str, object]:
-    """Return a motion's record of the hands: size, share of frames in which they are seen, error, status."""
+    """Return a motion's statistics about the hands: size, share of frames that show them, errors and convergence."""
     found: dict[str, object] = {"size": round(hands.size, 3)}
     for side, hand in hands.hands.items():
         left = hand.problem.term.residuals(hand.problem.points(hand.states))
@@ -415,7 +412,7 @@ def statistics(hands: SolvedHands) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class HandRange:
-    """The solution of one hand in a frame range, with one window on either side."""
+    """Solution of one hand in a frame range, with one window on either side."""
 
     frames: Int[np.ndarray, " n"]
     hand: SolvedHand  # Solution in these n frames.
@@ -429,7 +426,7 @@ def solve_hands_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Solve the hands in a frame range again. Return adjusted poses and the hand on each side.
+    """Solve the hands in a frame range again. Return poses with adjusted arms, and the hands by side.
 
     The hands keep their size from the earlier solve. If the earlier motion has no fingers, there are no hands.
     """
@@ -480,7 +477,7 @@ def solve_hand_range(
 
 
 def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
-    """Return a hand with a spline through the (n, D) ``states`` in the frames ``stays``."""
+    """Move a hand onto the states (n, D) in the frames ``stays``. The correction between them is interpolated."""
     found, at = hand.states, stays.astype(int)
     if len(at):
         left, every = states[at] - found[at], np.arange(len(found))

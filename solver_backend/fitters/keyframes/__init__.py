@@ -1,1 +1,1 @@
-"""Solve all keyframes in a take at once, or one window after another (thesis 6.3.2)."""
+"""Solve all keyframes in a take at once, or one window of frames after another (thesis 6.3.2)."""

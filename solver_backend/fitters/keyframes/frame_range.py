@@ -1,4 +1,4 @@
-"""Define a frame range in an earlier motion that is to be solved again, with pinned poses."""
+"""Define a frame range of an earlier motion that is solved again, with poses and contacts set by the user."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solver_backend.types import NUM_JOINTS
 
 @dataclass(frozen=True)
 class Pin:
-    """A pose that the user set in one frame."""
+    """Pose that the user set in one frame."""
 
     frame: int
     """Frame number in the take, from 0."""
@@ -31,7 +31,7 @@ class Pin:
 
 @dataclass(frozen=True)
 class UserContact:
-    """A floor contact that the user added or removed."""
+    """Floor contact that the user added or removed."""
 
     part: str
     """Name of the body part, a key in ``CONTACT_PARTS``."""
@@ -42,7 +42,7 @@ class UserContact:
 
     @classmethod
     def from_dict(cls, values: Any, where: str) -> UserContact:
-        """Create a contact from plain values. Raise ``JobInvalid`` if they are invalid."""
+        """Read a contact from a JSON object. Raise ``JobInvalid`` if it is invalid."""
         _check_keys(values, {"part", "first", "last", "touches"}, set(), where)
         if values["part"] not in CONTACT_PARTS:
             hint = f"Known parts: {', '.join(CONTACT_PARTS)}."
@@ -69,7 +69,7 @@ class FrameRange:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> FrameRange:
-        """Create a frame range from plain values.
+        """Read a frame range from a JSON object.
 
         Raises:
             JobInvalid: a key is missing or unknown, or a pose has the wrong length or non-finite values.
@@ -92,7 +92,7 @@ class FrameRange:
         return cls(*ends, tuple(pins), contacts, forgets)
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain values for ``from_dict``."""
+        """Return the JSON object that ``from_dict`` reads."""
         names = ("frame", "global_orient", "body_pose", "transl")
         pins = [{name: np.asarray(getattr(pin, name)).tolist() for name in names} for pin in self.pins]
         values: dict[str, object] = {"first": self.first, "last": self.last, "pins": pins}
@@ -100,7 +100,7 @@ class FrameRange:
         return values | ({"forgets": True} if self.forgets else {})
 
     def check(self, num_frames: int) -> None:
-        """Raise ``JobInvalid`` if the range, a pin or a contact is outside the take."""
+        """Check that range, pins and contacts are inside the take. Raise ``JobInvalid`` otherwise."""
         if not 0 <= self.first < self.last < num_frames:
             message = f"Frames {self.first} to {self.last} are not a valid range in this take of {num_frames} frames."
             hint = f"Choose two frames from 0 to {num_frames - 1}, the earlier one first."

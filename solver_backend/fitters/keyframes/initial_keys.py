@@ -1,4 +1,4 @@
-"""Initialise the keyframes of a take from poses in single frames."""
+"""Estimate initial keyframes of a take from poses in single frames, and solve lost limbs again."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from solver_backend.types import Motion
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent) -> Keyframes:
-    """Return keyframes fitted to the nearest observed frames, or sampled from a motion.
+    """Estimate keyframes from single observed frames near them, or from an initial motion.
 
-    Keys in unobserved frames are interpolated along geodesics from the last observed frame to the next one.
+    Keyframes without observations are interpolated along geodesics between the last and the next observed frame.
     """
     rough = problem.measurements.rough
     known = np.flatnonzero(problem.measurements.seen) if rough is None else rough.frames
@@ -50,7 +50,7 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, pro
 def keys_of_frames(
     problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes | None = None
 ) -> Callable[[slice], Keyframes]:
-    """Return a function that initialises keys from single frames or from ``start``."""
+    """Return a function that estimates the keyframes of a window range, or takes them from ``start``."""
     if problem.measurements.rough is None and start is not None:
         return lambda windows: start.select(slice(2 * windows.start, 2 * windows.stop + 1))
     by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))
@@ -69,18 +69,17 @@ def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.nda
 
 CALM_M_S2 = 5.2  # Mean landmark acceleration up to which the window in the settings is kept. Walking has 2 to 5.
 CLOSEST = 0.6
-"""Smallest window relative to the one in the settings, for dances. It reduces ``bench floor`` on salsa_07 from 4.93 to
-2.93 mm.
-"""
+"""Smallest window relative to the window in the settings, for dances. It reduces ``bench floor`` on salsa_07 from 4.93
+to 2.93 mm."""
 
 
 def dense_layout(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, window: int, fps: float
 ) -> KeyframeLayout:
-    """Adapt window lengths to the acceleration: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
+    """Shorten the windows for fast motion: ``w max(0.6, min(1, √(5.2 / a)))`` frames for a mean acceleration a.
 
-    a is the landmarks' mean acceleration in m/s², which detector noise barely affects. For fast limbs, the error of a
-    parabola through three keys exceeds the detector's error. For slow limbs, closer keys would fit the noise.
+    a is the landmarks' acceleration in m/s², which detector noise barely affects. For fast limbs, the error of a
+    parabola through three keyframes exceeds the detector's error. For slow limbs, closer keyframes would fit the noise.
     ``layout`` belongs to the first solution, and is returned if its windows of ``window`` frames are short enough.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)
@@ -91,9 +90,9 @@ def dense_layout(
 
 
 def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
-    """Return the mean and the 95th percentile of the points' acceleration in m/s².
+    """Return the mean and the 95th percentile of the acceleration in m/s² of points (F, L, 3) in metres.
 
-    ``|x(t - h) - 2 x(t) + x(t + h)| / h²`` for (F, L, 3) points in metres. With spacing h, 4 mm of noise adds 2.2 m/s².
+    It is ``|x(t - h) - 2 x(t) + x(t + h)| / h²``. With a spacing h of ``apart`` frames, 4 mm of noise adds 2.2 m/s².
     """
     apart = max(1, min(apart, (len(points) - 1) // 2))
     around = points[2 * apart :] - 2 * points[apart:-apart] + points[: -2 * apart]
@@ -103,19 +102,19 @@ def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
 
 
 def closer_window(window: int, pace: float, calm: float, closest: float) -> int:
-    """Return the window length ``w max(closest, min(1, √(calm / pace)))`` in frames."""
+    """Return the window length in frames for a pace: ``w max(closest, min(1, √(calm / pace)))``."""
     return max(2, round(window * max(closest, min(1.0, (calm / max(pace, 1e-6)) ** 0.5))))
 
 
 def window_of(motion: Motion, window: int) -> int:
-    """Return the number of frames per window in an earlier solve, at most ``window``."""
+    """Return the window length in frames of an earlier solve, at most ``window``."""
     keys = 0 if motion.keyframes is None else int(motion.keyframes.sum())
     return window if keys < 3 else max(2, min(window, round(2 * motion.num_frames / keys)))
 
 
 DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
 """Smallest distance in metres of a lost landmark in one frame and in adjacent frames, for detections and for markers.
-With keys three frames apart, one wrong key bends four frames and moves two of them that far."""
+With keyframes three frames apart, one wrong keyframe bends four frames and moves two of them that far."""
 LOST_SIGMAS = 6.0  # The distance must also exceed this many standard deviations of the point.
 SURE_M = 0.03  # A point is precise if its standard deviation per axis is smaller.
 ROUGHNESS = 2.5
@@ -127,14 +126,7 @@ SHORTEST = 3  # Fewest consecutive frames (one at the ends of a take). Shorter r
 def lost_landmarks(
     found: np.ndarray, points: np.ndarray, covariance: np.ndarray, bounds_m: tuple[float, float] = DETECTED_M
 ) -> np.ndarray:
-    """Return an (F, L) mask of lost landmarks.
-
-    Args:
-        found: (F, L, 3) landmarks on the body in metres.
-        points: (F, L, 3) the same landmarks as measured, NaN where missing.
-        covariance: (F, L, 3, 3) covariances of the measured points in m².
-        bounds_m: ``DETECTED_M`` or ``WORN_M``.
-    """
+    """Return an (F, L) mask of landmarks far from their measured positions, as on a limb in a wrong pose."""
     lost_m, beside_m = bounds_m
     variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
     squared = np.sum((found - points) ** 2, axis=-1)
@@ -153,9 +145,9 @@ def lost_landmarks(
 
 
 def roughness(points: np.ndarray) -> np.ndarray:
-    """Return the (F, L) largest second difference of points within one frame, in metres.
+    """Return the largest second difference (F, L) of points (F, L, 3) in metres, within one frame.
 
-    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|`` for (F, L, 3) points, 0 where unknown.
+    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|``, or 0 where unknown.
     """
     apart = np.zeros(points.shape[:2])
     middle = points[1:-1] - 0.5 * (points[:-2] + points[2:])
@@ -180,10 +172,11 @@ def resolve_lost_limbs(
     schedule: Schedule,
     frames: np.ndarray | None = None,
 ) -> Keyframes:
-    """Solve lost limbs again if that reduces the cost. Return the same keys if nothing changes.
+    """Solve lost limbs again, and keep the result where it reduces the cost.
 
-    Points that are wrong for some frames look like a lost limb, and only the cost tells them apart. Runs longer than a
-    chunk stay as they are. ``points`` are (F, L, 3) landmarks on the body, ``frames`` their numbers (default all).
+    Points that are wrong in several frames look like a lost limb, and only the cost distinguishes the two. Lost limbs
+    in more windows than a chunk has are not solved again. ``points`` are (F, L, 3) landmarks on the body, and
+    ``frames`` their frame numbers (default: all frames).
     """
     lost = _lost_windows(measurements, layout, points, frames)
     for windows in ranges_around(lost):
@@ -199,7 +192,7 @@ def resolve_lost_limbs(
 
 
 def ranges_around(lost: np.ndarray) -> Iterator[slice]:
-    """Yield the ranges of windows around (N,) ``lost`` windows that are to be solved again."""
+    """Yield the window ranges that must be solved again, given an (N,) mask of windows with ``lost`` limbs."""
     near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
     for first, last in true_runs(near):
         if last - first < CHUNK_WINDOWS:
@@ -207,12 +200,12 @@ def ranges_around(lost: np.ndarray) -> Iterator[slice]:
 
 
 def keys_of(windows: slice) -> slice:
-    """Return the slice of keys that belongs to a range of windows."""
+    """Return the keyframes of a window range."""
     return slice(2 * windows.start, 2 * windows.stop + 1)
 
 
 def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
-    """Return a range of windows as a separate problem with fixed outermost keys."""
+    """Cut a window range out of a take, as a separate problem with fixed outermost keyframes."""
     fixed_ends = windows.start > 0, windows.stop < layout.num_windows
     return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
 
@@ -220,7 +213,7 @@ def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedul
 def _lost_windows(
     measurements: Measurements, layout: KeyframeLayout, points: Array, frames: np.ndarray | None
 ) -> np.ndarray:
-    """Return an (N,) mask of the windows in which a limb is lost."""
+    """Return an (N,) mask of windows in which a limb is lost."""
     number = layout.frames if frames is None else frames
     lost_in = lost_landmarks(to_numpy(points), measurements.points[number], measurements.covariance[number])
     lost = np.zeros(layout.num_windows, dtype=bool)
@@ -244,10 +237,10 @@ def resolve_outlier_markers(
     keys: Keyframes,
     schedule: Schedule,
 ) -> Keyframes:
-    """Solve windows with outlier markers again as long as fewer are left. A round starts where the last one improved.
+    """Solve windows with outlier markers again while this reduces the number of outliers.
 
-    ``measurements`` are the markers of a calibrated person, not the keypoints of a motion. References: Blake and
-    Zisserman 1987 (graduated non-convexity), Black and Rangarajan 1996.
+    Each round starts where the last one improved. ``measurements`` are the markers of a calibrated person, not the
+    keypoints of a motion. References: Blake and Zisserman 1987 (graduated non-convexity), Black and Rangarajan 1996.
     """
     frames = layout.frames
     windows_of, _ = layout.positions(frames)

@@ -1,4 +1,4 @@
-"""Sum the normal equations of keyframes over the frames in each window (thesis eq. 6.6)."""
+"""Form the normal equations of keyframes from the frames in each window (thesis eq. 6.6)."""
 
 from __future__ import annotations
 
@@ -38,27 +38,27 @@ Stencil = Sequence[Array | float]  # Coefficients of neighbouring keys.
 
 @dataclass(frozen=True)
 class KeyframeNormalEquations:
-    """Block-tridiagonal normal equations for the n N + 1 keys of N windows.
+    """Block-tridiagonal normal equations for the n N + 1 keyframes of N windows.
 
-    Block w contains the n keys starting at n w. The last block is padded with dummy keys. Terms over keys need n = 2.
-    The ``add`` methods modify the arrays in place because these are large.
+    Block w contains the n keyframes starting at n w. The last block is padded with dummy keyframes. Terms over
+    keyframes need n = 2. The ``add`` methods modify the arrays in place, because these are large.
     """
 
     diagonal: Array  # (N + 1, n D, n D), single precision, because it only affects the steps.
     upper: Array
-    """(N, n D, D + m), single precision. Residual rotations of a middle key are coupled only within their window. The m
-    unknowns before them are also coupled with the next key."""
+    """(N, n D, D + m), single precision. Residual rotations of a middle keyframe are coupled only within their window.
+    The m unknowns before them are also coupled with the next keyframe."""
     g: Array  # (N + 1, n D).
     layout: StateLayout  # Layout of the tangent of one key, D numbers.
 
     @property
     def dof(self) -> int:
-        """Size D of a key's tangent."""
+        """Number D of unknowns of one keyframe."""
         return self.layout.dof
 
     @property
     def free(self) -> int:
-        """Number of keys per block, n."""
+        """Number n of keyframes per block."""
         return self.g.shape[1] // self.dof
 
     @classmethod
@@ -72,7 +72,7 @@ class KeyframeNormalEquations:
         floor: float = FLOOR,
         precision: Any = None,
     ) -> KeyframeNormalEquations:
-        """Return the equations of N windows without data, in single precision by default."""
+        """Create the equations of N windows without any data, in single precision by default."""
         single, dof = array_namespace(like).float32 if precision is None else precision, layout.dof
         still = floor * identity(free * dof, like, single)
         diagonal = zeros((num_windows + 1, free * dof, free * dof), like, single) + still
@@ -82,26 +82,26 @@ class KeyframeNormalEquations:
         return cls(diagonal, upper, zeros((num_windows + 1, free * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
-        """Add matrices over all n + 1 keys of windows, except the last key's block."""
+        """Add the windows' matrices over all n + 1 keyframes, except the last keyframe's own block."""
         inner = self.free * self.dof
         self.diagonal[windows] += hessian[:, :inner, :inner]
         self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
 
     def add_ends(self, hessian: Array, gradient: Array) -> None:
-        """Add the (N, D, D) blocks of the windows' last keys, and the gradient."""
+        """Add the own blocks (N, D, D) of the windows' last keyframes, and the gradient."""
         self.diagonal[1:, : self.dof, : self.dof] += hessian
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
 
     def add_own(self, columns: np.ndarray, precision: Array, gradient: Array) -> None:
-        """Add (K, n) diagonal precisions for n columns of each key's tangent, and the gradient."""
+        """Add diagonal precisions (K, n) for n unknowns of each keyframe, and the gradient."""
         for parity in (0, 1):
             at, own = columns + parity * self.dof, precision[parity::2]
             self.diagonal[: own.shape[0], at, at] += own
             self.g[: own.shape[0], at] += gradient[parity::2]
 
     def add_each(self, part: slice, hessian: Array, gradient: Array) -> None:
-        """Add (K, n, n) matrices for n columns of each key's tangent, and the gradient."""
+        """Add matrices (K, n, n) for n neighbouring unknowns of each keyframe, and the gradient."""
         for parity in (0, 1):
             at = slice(part.start + parity * self.dof, part.stop + parity * self.dof)
             own = hessian[parity::2]
@@ -111,11 +111,11 @@ class KeyframeNormalEquations:
     def add_differences(
         self, value: Array, tangents: Array, stencil: Stencil, weight: Array | float, first: int = 0
     ) -> None:
-        """Add ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²``.
+        """Add the penalty ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²`` on differences between keyframes.
 
         Args:
-            value: (K, v) value x at each key.
-            tangents: (K, v, d) derivative of x w.r.t. the key's columns, starting at ``first``.
+            value: (K, v) value x at each keyframe.
+            tangents: (K, v, d) derivative of x w.r.t. the keyframe's unknowns, starting at ``first``.
             stencil: coefficients c, numbers or (n,) arrays.
             weight: weight w, a number or an (n,) array.
         """
@@ -135,7 +135,7 @@ class KeyframeNormalEquations:
                 self.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]
 
     def _scatter(self, i: int, j: int, blocks: Array, first: int) -> None:
-        """Add blocks that couple the keys k + i and k + j, k = 0, 1, ..."""
+        """Add blocks that couple the keyframes k + i and k + j for all k."""
         xp = array_namespace(blocks)
         size = blocks.shape[-1]
         for parity in (0, 1):
@@ -155,7 +155,7 @@ class KeyframeNormalEquations:
                 self.upper[rows // 2, row : row + size, column : column + size] += chosen
 
     def with_fixed(self, fixed: np.ndarray) -> KeyframeNormalEquations:
-        """Return the equations with the masked keys fixed, so that they have no step and no uncertainty."""
+        """Fix the masked keyframes, so that they have no step and no uncertainty."""
         if not fixed.any():
             return self
         fixed = np.append(fixed, np.zeros(self.free - 1, dtype=bool))  # the dummies
@@ -171,13 +171,13 @@ class KeyframeNormalEquations:
         return KeyframeNormalEquations(diagonal, upper, self.g * constant(free, self.g), self.layout)
 
     def block_tridiagonal(self) -> BlockTridiagonal:
-        """Return the equations as a system for the linear solver."""
+        """Return the equations as a system for the block-tridiagonal solver."""
         return BlockTridiagonal(self.diagonal, self.upper, self.g)
 
 
 @dataclass(frozen=True)
 class BundleModel:
-    """Objective of a take as a function of its keys."""
+    """Objective of a take as a function of its keyframes."""
 
     subject: Subject
     prior: PosePrior
@@ -186,7 +186,7 @@ class BundleModel:
     screw: bool = False  # Move the root along screws in SE(3) between keys.
 
     def part(self, keys: slice) -> BundleModel:
-        """Return the model for a range of keys."""
+        """Return the model for a range of keyframes."""
         return replace(self, objective=self.objective.part(keys))
 
     def astype(self, precision: Any) -> BundleModel:
@@ -198,17 +198,17 @@ class BundleModel:
     ) -> PosedFrames:
         """Return the poses in the given frames, by default in all frames of the layout.
 
-        Poses lie on the curves of single windows (in the solver) or on the spline of control points (in the result).
+        Poses are on the curves of single windows (in the solver) or on the spline of control points (in the result).
         """
         turned = bool(self.free.turned)
         return key_poses(self.prior, keys, layout, frames, residuals=turned, spline=spline, screw=self.screw)
 
     def curve(self, keys: Keyframes, rows: WindowRows, *, residuals: bool) -> KeyframeCurve:
-        """Return the frames in N windows as functions of their keys."""
+        """Return the curves of N windows, which give their frames as functions of the keyframes."""
         return KeyframeCurve.through(_by_windows(keys, rows), rows.time, residuals=residuals, screw=self.screw)
 
     def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
-        """Return the (W·n, J, 3, 3) decoded rotations for fixed codes, or None if codes are free."""
+        """Decode the rotations (W·n, J, 3, 3) of all frames once if the codes are fixed. Return None otherwise."""
         if CODE in self.free:
             return None
 
@@ -227,9 +227,10 @@ class BundleModel:
         hessian_frames: int = HESSIAN_FRAMES,
         decoded: list[Array] | None = None,
     ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:
-        """Return the (N,) cost of each window, and a function that forms the normal equations.
+        """Return the cost (N,) of each window, and a function that forms the normal equations.
 
-        A key shared by two windows counts for the later one. See ``data_equations`` for ``decoded``.
+        The costs at a keyframe shared by two windows belong to the later window. See ``data_equations`` for
+        ``decoded``.
         """
         data = data_equations(self, keys, rows, scale, hessian_frames, decoded)
 
@@ -242,14 +243,13 @@ class BundleModel:
         return self._at_windows(data.cost, keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
-        """Return the normal equations at a solution, for its covariance."""
+        """Return the normal equations at a solution. Their inverse is its covariance."""
         # If codes are fixed, stride the rows before sampling them, so that few frames are posed.
         stride = 1 if CODE in self.free else max(1, int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES)
         rows = layout.rows(stride)
         return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
 
     def _at_windows(self, cost: Array, keys: Keyframes) -> Array:
-        """Add the costs of the key terms to the (N,) costs of windows."""
         for term in self.objective.keys:
             at_keys = term.cost(keys, self.free)
             cost = cost + at_keys[:-1:2] + at_keys[1::2]
@@ -259,7 +259,7 @@ class BundleModel:
 
 @dataclass(frozen=True)
 class DataEquations:
-    """Contributions of the frames in N windows to the equations of their keys."""
+    """Cost and gradient of the frames in N windows w.r.t. their keyframes. The matrices are formed on demand."""
 
     cost: Array  # (N,) cost of each window's frames.
     gradient: Array  # (n N + 1, D) gradient w.r.t. the keys.
@@ -268,7 +268,7 @@ class DataEquations:
     _matrices: list[Callable[[], Array]]  # For each range of windows: matrices w.r.t. all n + 1 keys of each window.
 
     def normal_equations(self) -> KeyframeNormalEquations:
-        """Return the normal equations of all keys, formed on all cores."""
+        """Form the normal equations of all keyframes on all cores."""
         xp, like = array_namespace(self.gradient), self.gradient
         count, dof = self._windows[-1].stop, like.shape[1]
         free = (like.shape[0] - 1) // count
@@ -293,14 +293,15 @@ def data_equations(
     hessian_frames: int = HESSIAN_FRAMES,
     decoded: list[Array] | None = None,
 ) -> DataEquations:
-    """Return the frames' cost and the keys' Gauss-Newton equations, on all cores.
+    """Return the cost of all frames and the Gauss-Newton equations of the keyframes, computed on all cores.
 
     ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7). ``x_f`` is on the curve through the
-    window's keys (eqs. 6.9, 6.10) and ``E_f`` is the data term of one frame (eq. 6.8).
+    window's keyframes (eqs. 6.9, 6.10), and ``E_f`` is the data term of one frame (eq. 6.8).
 
-    The gradient is exact. The Gauss-Newton matrix is exact if keys stay on the manifold. With residual rotations it is
-    approximate: Lagrange weights w interpolate the pose tangents P of the keys, which are close to each other and
-    nearly solved: ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``. This needs the network's derivative only at the keys.
+    The gradient is exact. The Gauss-Newton matrix is exact if keyframes stay on the manifold. With residual rotations
+    it is approximate: Lagrange weights w interpolate the pose tangents P of the keyframes, which are close to each
+    other and nearly solved: ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``. This needs the network's derivative only at the
+    keyframes.
 
     Args:
         rows: the frames of N windows.
@@ -328,19 +329,17 @@ def _blocks(rows: WindowRows, keys: Keyframes) -> list[slice]:
 
 
 def _free_keys(keys: Keyframes, rows: WindowRows) -> int:
-    """Return n, given n N + 1 keys."""
     return (keys.z.shape[0] - 1) // rows.frames.shape[0]
 
 
 def _by_windows(keys: Keyframes, rows: WindowRows) -> Keyframes:
-    """Return the keys as (N, n + 1), one row per window."""
     return keys.of_windows(np.arange(rows.frames.shape[0]), _free_keys(keys, rows))
 
 
 def _block(
     data: BundleModel, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float, decoded: Array | None
 ) -> tuple[Array, Array, Callable[[], Array]]:
-    """Return (N,) costs, the (n N + 1, D) gradient, and a function that forms matrices."""
+    """Return costs (N,), the gradient (n N + 1, D), and a function that forms the matrices of a window range."""
     xp = array_namespace(keys.z)
     count, width = rows.frames.shape
     turned = bool(data.free.turned)
@@ -362,7 +361,7 @@ def _block(
 
 
 def _exact(data: BundleModel, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return ``Σ_f B_fᵀ H_f B_f`` for N windows, where B_f are the derivatives w.r.t. the keys."""
+    """Return the exact matrices ``Σ_f B_fᵀ H_f B_f`` of N windows, where B_f are derivatives w.r.t. the keyframes."""
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
     curve = data.curve(keys, rows, residuals=False)
@@ -373,12 +372,12 @@ def _exact(data: BundleModel, keys: Keyframes, rows: WindowRows, hessian: Array)
 
 
 def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> Array:
-    """Return (N, (n + 1) D, (n + 1) D) matrices ``P_aᵀ (Σ_f w_a w_b H_f) P_b``.
+    """Return the interpolated matrices ``P_aᵀ (Σ_f w_a w_b H_f) P_b`` (N, (n + 1) D, (n + 1) D) of N windows.
 
     Args:
         rows: the frames of N windows that ``hessian`` covers.
         hessian: (N·m, p, p) Hessians of these frames, m per window.
-        d_pose_d_keys: (n N + 1, p, D) derivatives P of the pose tangents w.r.t. the keys' tangents.
+        d_pose_d_keys: (n N + 1, p, D) derivatives P of the pose tangents w.r.t. the keyframes' tangents.
     """
     xp, size, dof = array_namespace(hessian), hessian.shape[-1], d_pose_d_keys.shape[-1]
     count, width = rows.frames.shape
@@ -401,7 +400,7 @@ def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> 
 
 
 def differences(value: Array, stencil: Stencil, weight: Array | float) -> tuple[Array, Array]:
-    """Return the (n, d) sums ``sum_i c_i x_{k+i}`` of (K, d) values, and the (n,) weights."""
+    """Return differences (n, d) ``sum_i c_i x_{k+i}`` of values (K, d) at keyframes, and their weights (n,)."""
     xp = array_namespace(value)
     count = max(0, value.shape[0] - len(stencil) + 1)
     rest = xp.sum(xp.stack([_along(c, 2) * value[i : count + i] for i, c in enumerate(stencil)]), axis=0)
@@ -423,9 +422,9 @@ FADING_S = 0.15  # Time constant in seconds with which speeds decay in frames wi
 
 @dataclass(frozen=True)
 class MotionPrior:
-    """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s²``.
+    """Gaussian prior on the acceleration of keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s²``.
 
-    A prior on acceleration alone preserves speed through a gap, so that people drift. Between unobserved keys with
+    A prior on acceleration alone preserves speed through a gap, so that people drift. Between unobserved keyframes with
     spacing h, ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` penalises speed, which decays as ``exp(-t / tau)``.
     """
 
@@ -437,16 +436,16 @@ class MotionPrior:
 
     @classmethod
     def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
-        """Return the priors with every standard deviation divided by ``smoothing``."""
+        """Create the prior with every standard deviation divided by ``smoothing``."""
         sigmas = (sigma / smoothing for sigma in (cls.accel_sigma, cls.angular_sigma, cls.latent_sigma))
         return cls(spacing_s, *sigmas, unseen=unseen)
 
     def part(self, keys: slice) -> MotionPrior:
-        """Return the priors for a range of keys."""
+        """Return the prior for a range of keyframes."""
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
     def cost(self, keys: Keyframes, free: StateLayout) -> Array:
-        """Return the (K,) energies of the differences at each key."""
+        """Return the cost (K,) of the differences at each keyframe."""
         xp = array_namespace(keys.z)
         cost = zeros((keys.z.shape[0],), keys.z)
         for _, value, _, sigma in self._smooth_parts(keys, free):
@@ -457,7 +456,7 @@ class MotionPrior:
         return cost
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        """Add the equations for these keys in place."""
+        """Add the prior's normal equations at these keyframes in place."""
         for name, value, tangents, sigma in self._smooth_parts(keys, equations.layout):
             for stencil, weight in self._stencils(sigma):
                 equations.add_differences(value, tangents, stencil, weight, equations.layout[name].start)
@@ -469,7 +468,7 @@ class MotionPrior:
         return [((1, -2, 1), weight), ((-1, 1), self.unseen * weight * (self.spacing_s / FADING_S) ** 2)]
 
     def _smooth_parts(self, keys: Keyframes, free: StateLayout) -> list[tuple[str, Array, Array, float]]:
-        """Return (block, value (K, n), tangents (K, n, d), sigma) for the free blocks that have a motion prior."""
+        """Return block, value (K, n), tangents (K, n, d) and sigma of each free block that has a motion prior."""
         xp = array_namespace(keys.z)
         placed = [
             (ROOT, keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma),
@@ -482,18 +481,18 @@ REACH = 3.0
 """Standard deviations of a joint's angle beyond which the prior's force barely grows. On nine takes of unusual bodies,
 3 reduces point errors by 1.5 %. A toe bent by 70 degrees reaches 44 instead of 25. 2.5 adds jitter."""
 STEADINESS = 0.15
-"""Precision of the second difference of residual rotations over three keys, relative to a frame's precision. 0.15
+"""Precision of the second difference of residual rotations over three keyframes, relative to a frame's precision. 0.15
 reduces acceleration errors by 3 % and point errors by 0.7 % compared with a Gaussian. 0.3 removes the jitter, but also
 the improvement."""
 
 
 @dataclass(frozen=True)
 class ResidualRotationTerm:
-    """Prior for residual rotations ``r_ki = rho_ki / sigma_i`` at the keys.
+    """Prior for residual rotations ``r_ki = rho_ki / sigma_i`` at keyframe k, relative to the decoded pose.
 
     The cost is ``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²``. The penalty on ``s = r_ki²`` has heavy tails,
-    because toes move rarely but far (Geman and McClure 1987). The second difference ``b = r_{k-1,i} - 2 r_ki +
-    r_{k+1,i}`` is the motion prior for rotations that codes cannot express.
+    because toes move rarely but far (Geman and McClure 1987). The second difference
+    ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the motion prior for rotations that codes cannot express.
     """
 
     sigma: np.ndarray  # (J, 3) radians: error of the prior's reconstructions.
@@ -503,11 +502,11 @@ class ResidualRotationTerm:
     uncovered: tuple[int, ...] = ()  # Pose columns that the prior does not model, which other terms constrain.
 
     def part(self, keys: slice) -> ResidualRotationTerm:
-        """Return the term, which is the same for all keys."""
+        """Return this term unchanged, because it is the same for all keyframes."""
         return self
 
     def cost(self, keys: Keyframes, free: StateLayout) -> Array:
-        """Return the (K,) energy at each key, including the second difference centred on it."""
+        """Return the cost (K,) at each keyframe, including the second difference centred on it."""
         xp, n = array_namespace(keys.z), self.frames_per_key
         scaled = self._scaled(keys)
         penalty, _ = geman_mcclure(scaled * scaled, self.reach)
@@ -516,9 +515,9 @@ class ResidualRotationTerm:
         return cost
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        """Add the equations for these keys in place.
+        """Add the term's normal equations at these keyframes in place.
 
-        Keys on opposite sides of a window boundary are not coupled. Their product is bounded by squares.
+        Keyframes on opposite sides of a window boundary are not coupled. Their product is bounded by squares.
         """
         scaled, m = self._scaled(keys), self.steadiness
         _, weight = geman_mcclure(scaled * scaled, self.reach)
@@ -551,7 +550,6 @@ class ResidualRotationTerm:
         return flat / constant(self._covered(self.sigma[None])[0], flat)
 
     def _covered(self, by_joint: Array) -> Array:
-        """Extract (K, 3 n) values for the n covered joints from (K, J, 3)."""
         if self.uncovered:
             kept = [joint for joint in range(by_joint.shape[1]) if joint not in self.uncovered]
             by_joint = by_joint[:, kept]
@@ -570,15 +568,15 @@ KeyTerm = MotionPrior | ResidualRotationTerm  # A term on keyframes.
 
 @dataclass(frozen=True)
 class BundleObjective:
-    """Terms on F frames, and on the keys that define them."""
+    """Objective of a take: terms on its F frames, and terms on the keyframes that define them."""
 
     frames: FrameObjective
     keys: tuple[KeyTerm, ...] = ()
 
     def part(self, keys: slice) -> BundleObjective:
-        """Return the objective for a range of keys. Frames are selected by number."""
+        """Return the objective for a range of keyframes. Its frames are selected later, by number."""
         return replace(self, keys=tuple(term.part(keys) for term in self.keys))
 
     def astype(self, precision: Any) -> BundleObjective:
-        """Convert the objective's measurements to the given precision."""
+        """Convert the objective's measurements to a floating-point precision."""
         return replace(self, frames=self.frames.astype(precision))

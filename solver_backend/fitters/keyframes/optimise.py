@@ -1,4 +1,4 @@
-"""Solve latent keyframes window by window (thesis 6.3.2) or all together, and compute covariances."""
+"""Solve keyframes window by window (thesis 6.3.2) or all together, and compute covariances."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from solver_backend.solver.levenberg_marquardt import LazyNormalEquations, LMSet
 
 @dataclass(frozen=True)
 class Schedule:
-    """Robust scales from wide to narrow, and settings for the solve at each scale."""
+    """Robust scales of a solve from wide to narrow, and settings for each scale."""
 
     scales: tuple[float, ...]  # Geman-McClure scales, in standard deviations.
     iterations: int  # Largest number of linearisations per scale.
@@ -48,7 +48,7 @@ class Schedule:
 
 @dataclass(frozen=True)
 class KeySolution:
-    """A minimum of the objective."""
+    """Keyframes at a minimum of the objective."""
 
     keys: Keyframes
     cost: float  # Cost of data and priors at the last robust scale.
@@ -56,16 +56,16 @@ class KeySolution:
 
 
 def _joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
-    """Join the solutions of all parts. Costs of shared windows count twice."""
+    """Join the solutions of several parts. Costs of windows that parts share count twice."""
     return KeySolution(keys, sum(part.cost for part in parts), Convergence.joined(part.convergence for part in parts))
 
 
 def solve_sliding(
     model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, progress: Progress = silent
 ) -> KeySolution:
-    """Solve window after window with the first key fixed (thesis 6.3.2, eqs. 6.6-6.8).
+    """Solve one window after another with its first keyframe fixed (thesis 6.3.2, eqs. 6.6-6.8).
 
-    Only the first of the n N + 1 initial keys is trusted, and the others are guesses.
+    Only the first of the n N + 1 initial keyframes is trusted. The others are guesses.
     """
     keys, found = start, []
     fixed = np.arange(layout.free + 1) == 0
@@ -86,10 +86,10 @@ def solve_keys(
     fixed: np.ndarray | None = None,
     alive: Callable[[], None] = lambda: None,
 ) -> KeySolution:
-    """Solve all free keyframes at once. The time is linear in the take's length.
+    """Solve all free keyframes together. The computing time is linear in the take's length.
 
     Args:
-        fixed: (n N + 1,) bool, keys that do not move. None if all move.
+        fixed: (n N + 1,) bool, keyframes that do not move. None if all move.
         alive: called before each linearisation. It may raise an error to stop the solve.
     """
     rows = layout.rows(schedule.stride)
@@ -103,8 +103,6 @@ def solve_keys(
 
 @dataclass(frozen=True)
 class _KeyProblem:
-    """Least-squares problem over a model's keys."""
-
     model: BundleModel
     layout: KeyframeLayout
     rows: WindowRows
@@ -113,42 +111,40 @@ class _KeyProblem:
     fixed: np.ndarray
 
     def linearise(self, state: Keyframes, scale: float) -> tuple[Array, LazyNormalEquations]:
-        """Return the costs of the windows, and their equations, which are formed on demand."""
         cost, form = self.model.equations(self.rows, state, scale, self.hessian_frames, self.decoded)
         return cost[None], LazyNormalEquations(lambda: form().with_fixed(self.fixed).block_tridiagonal())
 
     def retract(self, state: Keyframes, step: Array) -> Keyframes:
-        """Return the keys after a step."""
         by_key = array_namespace(step).reshape(step, (-1, self.model.free.dof))[: self.layout.num_keys]
         return state.retract(by_key, self.model.free)
 
 
 CHUNK_WINDOWS = 100  # Windows per chunk. Chunks limit memory use. Chosen by hand.
 OVERLAP_WINDOWS = 8
-"""Windows on both sides of a chunk that are also solved (``tests/fitters/keyframes/test_chunked.py``)."""
+"""Number of windows that are also solved on both sides of a chunk (``tests/fitters/keyframes/test_chunked.py``)."""
 SINGLE_TO_M = 100.0  # Within this distance of the origin, single precision resolves 8 µm (2⁻²⁴ · 128 m).
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """Windows whose solution is kept, and the wider range that is solved for them."""
+    """Windows that are kept from a chunk's solution, and the wider range that is solved for them."""
 
     kept: slice
     solved: slice
 
     @property
     def keys(self) -> slice:
-        """Keys of the solved windows."""
+        """Keyframes of the solved windows."""
         return slice(2 * self.solved.start, 2 * self.solved.stop + 1)
 
     @property
     def beyond(self) -> tuple[bool, bool]:
-        """Whether additional windows are solved before and after the kept ones."""
+        """True if additional windows are solved before, and after, the kept ones."""
         return self.solved.start < self.kept.start, self.solved.stop > self.kept.stop
 
 
 def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list[Chunk]:
-    """Divide N windows into chunks of about ``windows`` windows, with additional windows around each."""
+    """Divide N windows into chunks of about ``windows`` windows, and add windows before and after each."""
     count = max(1, round(num_windows / windows))
     bounds = np.round(np.linspace(0, num_windows, count + 1)).astype(int).tolist()
     return [
@@ -159,7 +155,7 @@ def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list
 
 @dataclass(frozen=True)
 class Stretch:
-    """A range of windows, as a problem that any process can solve."""
+    """Range of windows as an independent problem, which any process can solve."""
 
     model: BundleModel  # Contains the measurements of its frames, or of all frames.
     layout: KeyframeLayout  # Its windows, by the model's frame numbers.
@@ -177,18 +173,18 @@ class Stretch:
         windows: slice,
         fixed_ends: tuple[bool, bool],
     ) -> Stretch:
-        """Return a range of windows as a problem, with three fixed keys at each fixed end."""
+        """Cut a range of windows out of a take. At each fixed end, three keyframes are fixed."""
         part, some = layout.part(windows), slice(2 * windows.start, 2 * windows.stop + 1)
         number = np.arange(part.num_keys)
         fixed = (number < 3) & fixed_ends[0] | (number >= part.num_keys - 3) & fixed_ends[1]
         return cls(model.part(some), part, keys.select(some), schedule, fixed)
 
     def solve(self, alive: Callable[[], None] = lambda: None) -> KeySolution:
-        """Solve the range. ``alive`` is called before each linearisation."""
+        """Solve the keyframes of the range. ``alive`` is called before each linearisation."""
         return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
 
     def alone(self) -> Stretch:
-        """Return the range with only the measurements of its own frames, to be sent to another process."""
+        """Reduce the problem to the measurements of its own frames, so that it can be sent to another process."""
         frames = self.layout.frames
         objective = replace(self.model.objective, frames=self.model.objective.frames.select(index(frames, self.keys.z)))
         bounds = self.layout.bounds - self.layout.bounds[0]
@@ -199,7 +195,7 @@ Stretches = Callable[[Sequence[Stretch], Callable[[], None]], list[KeySolution]]
 
 
 def in_turn(stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
-    """Solve frame ranges in this process, one after another."""
+    """Solve window ranges in this process, one after another."""
     return [stretch.solve(alive) for stretch in stretches]
 
 
@@ -213,10 +209,10 @@ def solve_long(
     overlap: int = OVERLAP_WINDOWS,
     each: Stretches = in_turn,
 ) -> KeySolution:
-    """Solve all keys in two rounds of chunks. In the second round, the ends are fixed.
+    """Solve a long take in chunks of windows. A second round solves the windows between them with fixed ends.
 
-    Chunks in the second round begin and end at keys of their neighbours, so that curves and second differences join
-    exactly. Chunks in the same round are independent. The result does not depend on processes or order (red-black
+    Chunks in the second round begin and end at keyframes of their neighbours, so that curves and second differences
+    join exactly. Chunks in the same round are independent. The result does not depend on processes or order (red-black
     Gauss-Seidel, Young 1971). The first round adds ``overlap`` windows on both sides of a chunk of ``windows`` windows.
     """
     keys, found = hemisphere_aligned(start), []
@@ -243,7 +239,7 @@ def solve_in_single(
     alive: Callable[[], None],
     each: Stretches,
 ) -> KeySolution:
-    """Solve all keys as ``solve_long`` does, in single precision close to the origin."""
+    """Solve all keyframes like ``solve_long``, in single precision if the take is close to the origin."""
     xp = array_namespace(start.transl)
     if float(xp.max(abs(start.transl))) >= SINGLE_TO_M:
         return solve_long(model, layout, start, schedule, alive, each=each)
@@ -265,12 +261,12 @@ def joint_covariance(
     constant_m: np.ndarray,
     stride: int = 1,
 ) -> Array:
-    """Return (F, J + S, 3, 3) posterior covariances of joints (m²) and segments (rad²).
+    """Return posterior covariances (F, J + S, 3, 3) of joints (m²) and segments (rad²).
 
     The covariance of joints is ``k f J B S Bᵀ Jᵀ + c² I``. For segments, ``turn_covariance`` uses ``k f B S Bᵀ``. S is
-    the posterior covariance of the three keys in a frame's window. B is the pose's derivative w.r.t. these keys (pose
-    tangents with Lagrange weights). J is the derivative of the joints w.r.t. the pose, f the inflation, k is
-    ``CALIBRATION``, and c the constant.
+    the posterior covariance of the three keyframes in a frame's window. B is the pose's derivative w.r.t. these
+    keyframes (pose tangents with Lagrange weights). J is the derivative of the joints w.r.t. the pose, f the inflation,
+    k is ``CALIBRATION``, and c the constant.
 
     Args:
         system: normal equations at the solution.
@@ -327,7 +323,7 @@ def covariance_of_joints(
     stride: int = 1,
     done: Callable[[int, int], None] = lambda number, total: None,
 ) -> Array:
-    """Return (F, J + S, 6) packed covariances (see ``joint_covariance``), computed chunk by chunk.
+    """Return packed covariances (F, J + S, 6), computed chunk by chunk (see ``joint_covariance``).
 
     ``done`` is called with the number of finished chunks and the total number of chunks.
     """
@@ -346,7 +342,7 @@ def covariance_of_joints(
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
-    """Interpolate (F, ...) values linearly in the wanted frames. Beyond the ends they are constant."""
+    """Interpolate values (F, ...) linearly at the wanted frames. Beyond the ends they are constant."""
     after = np.clip(np.searchsorted(frames, wanted), 1, max(1, len(frames) - 1))
     before, after = after - 1, np.minimum(after, len(frames) - 1)
     share = np.clip((wanted - frames[before]) / np.maximum(frames[after] - frames[before], 1), 0.0, 1.0)
@@ -355,7 +351,7 @@ def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
 
 
 def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, windows: slice) -> Array:
-    """Return the (N, 3, 3, p, p) covariances ``P_a S_ab P_bᵀ`` of the pose tangents at keys."""
+    """Return the covariances (N, 3, 3, p, p) ``P_a S_ab P_bᵀ`` between the pose tangents at each window's keyframes."""
     xp = array_namespace(d_pose_d_keys)
     dof = d_pose_d_keys.shape[-1]
     start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
@@ -371,7 +367,7 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
 
 
 def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:
-    """Return the variance factor of n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
+    """Return the variance factor due to noise that is correlated over n frames: ``1 + 2 sum_k (1 - k/n) r^k``.
 
     r is the lag-one correlation of first-order autoregressive noise, measured on the residuals of inliers. ``points``
     are the (F, L, 3) landmarks of a solution. Reference: Bayley and Hammersley 1946, "The effective number of

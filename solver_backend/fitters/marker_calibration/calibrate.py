@@ -1,4 +1,4 @@
-"""Calibrate a subject from markers: shape, marker positions and varied poses.
+"""Calibrate a subject from markers: body shape and marker positions, from frames with varied poses.
 
 Poses are eliminated frame by frame (Triggs et al. 2000). The result is stored as a plain record.
 """
@@ -48,7 +48,7 @@ FLOOR = 1e-2  # Smallest precision of every unknown in a pose.
 
 @dataclass(frozen=True)
 class PlacementPrior:
-    """Prior for a person's shape and marker positions."""
+    """Prior for a person's body shape and marker positions."""
 
     shape: Array  # (10,) precision of the shape around ``shape_mean``.
     shape_mean: Array  # (10,) shape of the average person, or a known one.
@@ -57,7 +57,7 @@ class PlacementPrior:
 
 
 def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> PersonState:
-    """Return the state for poses that may leave the prior's manifold."""
+    """Create the calibration's state, in which poses may leave the prior's manifold."""
     if frames.residual is None:
         frames = replace(frames, residual=zeros((frames.z.shape[0], len(prior.joints), 3), frames.z))
     return PersonState(subject, frames, state_layout(prior))
@@ -66,7 +66,7 @@ def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> Per
 def calibration_equations(
     prior: AutoencodingPrior, objective: FrameObjective, known: PlacementPrior, state: PersonState, scale: float
 ) -> tuple[Array, Arrowhead]:
-    """Return the (1,) cost and the Gauss-Newton equations at a state."""
+    """Return the cost (1,) and the Gauss-Newton equations of poses, body shape and marker offsets."""
     xp, residual = array_namespace(state.frames.z), state.frames.residual
     assert residual is not None
     frames, turns = posed(prior, state.frames), state.layout.turns
@@ -100,7 +100,7 @@ def calibration_equations(
 
 
 def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array) -> tuple[Array, Array, Array]:
-    """Return the Hessian and gradient of shape and offsets, and their coupling with the poses."""
+    """Return the Hessian and gradient of shape and marker offsets, and their coupling with the poses."""
     xp = array_namespace(by_pose)
     count, num = by_pose.shape[:2]
     size = 10 + 3 * num
@@ -128,7 +128,7 @@ def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets
 
 
 def _add_known(known: PlacementPrior, subject: Subject, shared: Array, g_shared: Array) -> Array:
-    """Add the prior for shape and offsets to the shared equations in place, and return its cost."""
+    """Add the prior for shape and marker offsets to the shared equations in place, and return its cost."""
     xp = array_namespace(shared)
     shape, places = subject.betas - known.shape_mean, subject.offsets
     pulled = xp.matmul(known.places, places[..., None])[..., 0]
@@ -142,16 +142,15 @@ def _add_known(known: PlacementPrior, subject: Subject, shared: Array, g_shared:
 
 
 OTHER_SIZE = 0.12
-"""Smallest absolute logarithm of a size that is used: below 1.50 m and above 1.91 m. For a walker of 1.36 m, fitting
-the average body ends with errors of 42 mm.
-"""
+"""Smallest absolute logarithm of a body size that is used: below 1.50 m and above 1.91 m. For a walker of 1.36 m, a fit
+from the average body ends with errors of 42 mm."""
 LEAST_M, LEAST_SUM_M = 0.12, 0.6  # Smallest distance of a pair at rest, and smallest sum of all pairs (two shanks).
 AT_JOINT_M = 0.07  # A marker this close to a joint keeps its distance from markers on both bones.
 SPREAD_M = 0.03  # Deviation of joints from the scaled average body, weighed against one unit of a coefficient.
 
 
 def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndarray:
-    """Return the (10,) initial shape, or zeros if the average body's size fits.
+    """Estimate the initial body shape (10,) from marker distances, or return zeros if the average body's size fits.
 
     The size s is the median of ``d / r``, weighted by r, over marker pairs whose distance no pose changes. d is the
     recorded distance, r the average body's. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with joints J
@@ -176,7 +175,7 @@ def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndar
 
 
 def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.ndarray:
-    """Return an (L, L) mask of marker pairs whose distance is nearly constant."""
+    """Return an (L, L) mask of marker pairs at a nearly constant distance in all poses."""
     joints = np.arange(len(body.parents))
     at_joint = np.linalg.norm(rest[:, None] - body.joints_template, axis=-1) < AT_JOINT_M
     above = joints[:, None] == np.maximum(body.parents, 0)  # (bone, joint that it leads to)
@@ -190,10 +189,11 @@ LEAST_SEEN = 0.6  # A chosen frame shows at least this share of the largest numb
 
 
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
-    """Return up to ``count`` frames with the most different poses, in order.
+    """Select up to ``count`` frames with the most different poses.
 
-    Distances between markers describe a pose without its position and heading. The next frame is farthest from all
-    chosen ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are (F, L, 3).
+    Distances between markers describe a pose without its position and heading. The next frame is the one farthest from
+    all selected frames (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are (F,
+    L, 3).
     """
     seen = np.isfinite(points).all(-1).sum(-1)
     candidates = np.unique(np.linspace(0, len(points) - 1, min(CANDIDATES, len(points))).astype(int))
@@ -228,7 +228,7 @@ HELD, KNOWN = 1e6, 1e12  # Precision of a coefficient at its limit (64 frames of
 
 @dataclass(frozen=True)
 class SubjectCalibration:
-    """The calibrated person, and the frames used for calibration."""
+    """Calibrated person, and the frames that the calibration used."""
 
     subject: Subject  # The person, with the markers as landmarks.
     sigma_m: np.ndarray  # (L,) standard deviation per axis of each marker around its position on the body, in metres.
@@ -237,7 +237,7 @@ class SubjectCalibration:
 
 
 def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> SubjectCalibration:
-    """Estimate shape, marker positions and marker deviations from varied frames in a take.
+    """Estimate body shape, marker positions and marker deviations from varied frames of a take.
 
     The settings provide the robust scale, the number of iterations, and the shape if it is known.
     """
@@ -277,11 +277,11 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
 
 
 def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray:
-    """Return the (L,) standard deviations of marker positions in metres, excluding tracker noise Σ.
+    """Estimate the standard deviations (L,) of marker positions in metres, without the tracker noise Σ.
 
     ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, computed
-    with a few steps of Fisher scoring. For Σ = 0 it simplifies to ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)``. w is the
-    Geman-McClure weight. s₀ is the assumed deviation with a weight of n frames.
+    with a few steps of Fisher scoring. For Σ = 0 it simplifies to ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)``. r is the
+    residual, w the Geman-McClure weight, and s₀ the assumed deviation with a weight of n frames.
 
     Args:
         term: data term of the markers in the chosen frames.
@@ -304,7 +304,7 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
 
 
 def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
-    """Return the prior for shape and marker offsets, given by their spread among people."""
+    """Return the prior for body shape and marker offsets, from their spread among people."""
     like, known = subject.betas, settings.betas is not None
     mean = np.asarray(settings.betas, dtype=np.float64) if known else np.zeros(10)
     places = placement_precision(subject.body, subject.landmarks.names)
@@ -314,7 +314,7 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Return the prior with shape coefficients fixed at a limit, or None if none exceeds it."""
+    """Fix shape coefficients that exceed a limit at this limit, or return None if none exceeds it."""
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
@@ -326,7 +326,7 @@ def held_at_limit(
 def record_of(
     subject: Subject, labels: tuple[str, ...], sigma_m: np.ndarray, provenance: dict[str, Any]
 ) -> MarkerSubject:
-    """Return the record of a person whose landmarks are the markers with these labels."""
+    """Return the storable record of a person. The subject's landmarks are the markers with these labels."""
     places, offsets = subject.landmarks.names, to_numpy(subject.offsets)
     skin = MARKER_OFFSET_M + (skin_normals(subject.body, places) * offsets).sum(-1)
     skin[[place.startswith(ON_BONE) or is_joint_centre(place) for place in places]] = np.nan
@@ -335,7 +335,7 @@ def record_of(
 
 
 def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> MarkerSubject:
-    """Add a marker on a bone to a person."""
+    """Add a marker that is attached to a bone to a person's record."""
     return replace(
         person,
         labels=(*person.labels, label),
@@ -347,7 +347,7 @@ def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> Marker
 
 
 def person_of(motion: Motion) -> MarkerSubject | None:
-    """Return the person in an earlier solve from markers, or None if the motion has none."""
+    """Return the person's record from an earlier solve with markers, or None if the motion has no markers."""
     labels, places, offsets, sigma = motion.marker_labels, motion.layout, motion.offsets, motion.marker_sigma
     if offsets is None or labels is None or places is None or sigma is None:
         return None
@@ -355,7 +355,7 @@ def person_of(motion: Motion) -> MarkerSubject | None:
 
 
 def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
-    """Convert a record to a subject with its markers as landmarks.
+    """Convert a person's record to a subject with the markers as landmarks.
 
     Raises:
         SubjectInvalid: the record is for another body, or has a marker at an unknown location.
@@ -374,7 +374,7 @@ def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
 
 
 def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubject, list[int]]:
-    """Return the part of a record whose markers are in a take, and their columns there.
+    """Reduce a person's record to the markers in a take, and return their columns in the take.
 
     Prefix, case and punctuation of labels are ignored.
 

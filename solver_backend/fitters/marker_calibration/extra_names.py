@@ -1,4 +1,4 @@
-"""Name points that the labelling network leaves unnamed, relative to bones."""
+"""Name points that the labelling network leaves unnamed, by their positions relative to bones."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ from solver_backend.types import MarkerCloud, MarkerSubject
 
 
 def in_words_of(person: MarkerSubject, cloud: MarkerCloud) -> MarkerCloud:
-    """Rename a take's anatomical names to the person's labels."""
+    """Replace a take's anatomical marker names by the person's labels."""
     own = dict(zip(person.places, person.labels, strict=True))
     own = {place: label for place, label in own.items() if not place.startswith(ON_BONE) and label not in cloud.names}
     return replace(cloud, labels=tuple(own.get(label, label) for label in cloud.names))
 
 
 def nameless_columns(cloud: MarkerCloud, others: Collection[str] = ()) -> np.ndarray:
-    """Return the columns without names, and those whose name is in ``others``."""
+    """Return the columns of unnamed points, and of points with a name in ``others``."""
     return np.flatnonzero([is_unnamed(label) or label in others for label in cloud.names])
 
 
 def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
-    """Return an (F, L) mask of the person's markers that are not observed under their names."""
+    """Return an (F, L) mask of the person's markers that are missing under their labels."""
     missing = np.ones((len(cloud.positions), len(person.labels)), dtype=bool)
     for m, label in enumerate(person.labels):
         if label in cloud.names:
@@ -93,12 +93,12 @@ TURN = 0.05  # Rotation error of a bone in a rough pose, radians. Its effect gro
 
 _BONES = "hip THI, knee SHN, ankle FOOT, foot TOES, collar COL, shoulder UPA, elbow FRM, wrist HAND, hand FINGERS"
 _SIDED = dict[str, str](map(str.split, _BONES.split(", ")))
-"""Abbreviation of the bone that begins at each joint."""
+"""Abbreviation, in marker names, of the bone that begins at each joint."""
 
 
 @dataclass(frozen=True)
 class ExtraNames:
-    """A take whose unlabelled points were named after known markers at the same positions."""
+    """Take after unnamed points received the labels of the person's markers."""
 
     cloud: MarkerCloud
     named: tuple[str, ...]  # Labels that points received.
@@ -161,7 +161,7 @@ def named_extras(
 def with_extras(
     person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, progress: Progress = silent
 ) -> MarkerSubject:
-    """Add bone markers to a person, using takes with unlabelled points.
+    """Add markers to a person that are unlabelled in takes and move with a bone.
 
     A new marker is named after its bone and a number (``LTHI_X1``). A marker from an earlier take keeps its name. The
     person must have been calibrated on this body with the markers named in these takes.
@@ -211,9 +211,9 @@ def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[st
 
 
 def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C,) marker of each chain of points (-1 if unknown), and a (C,) mask of ambiguous chains.
+    """Return the marker (C,) of each chain of points (-1 if unknown), and a (C,) mask of ambiguous chains.
 
-    ``missing`` (F, L) marks the person's markers that are not observed under their names.
+    ``missing`` (F, L) marks the person's markers that are not observed under their labels.
     """
     tracks, taken = take.tracks, ~missing
     away, found = np.full((len(tracks), missing.shape[1]), np.inf), np.full(len(tracks), -1)
@@ -263,9 +263,10 @@ def _with_new(person: MarkerSubject, take: _Take, chains: np.ndarray, fps: float
 
 
 def _attached(points: np.ndarray, bones: BonePoses) -> Attachment | None:
-    """Attach (K, 3) points to a bone. Return None if no bone fits or too few frames show the points.
+    """Attach points (K, 3) of one marker to a bone. Return None if no bone fits, or too few frames show the marker.
 
-    Unlike ``attach``, this allows for rotation errors: the bone with the smallest ``s + TURN |o|`` is chosen.
+    Unlike ``attach``, this allows for rotation errors: the bone with the smallest ``s + TURN |o|`` is chosen, for the
+    median distance s and the offset o.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES:
         return None

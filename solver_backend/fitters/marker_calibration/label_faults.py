@@ -1,4 +1,4 @@
-"""Find wrong labels and ghost points in a take by comparing it with the fitted body, and correct them."""
+"""Find and correct wrong labels and ghost points in a take, by comparison with the fitted body."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MOST_NAMED = 5  # Largest number of markers with separate diagnostics. More shar
 
 @dataclass(frozen=True)
 class LabelFault:
-    """A wrong label in the frames from ``first`` to ``last``."""
+    """Wrong label in the frames from ``first`` to ``last``."""
 
     marker: int  # Column of the label.
     other: int  # Marker that it was swapped with, or the same one for a ghost.
@@ -45,7 +45,7 @@ class LabelFault:
 
 @dataclass(frozen=True)
 class CleanedLabels:
-    """Markers with corrected labels."""
+    """Markers of a take with corrected labels."""
 
     points: np.ndarray  # (F, M, 3) metres, NaN where missing or excluded as a ghost.
     flags: np.ndarray  # (F, M) uint8 flags ``MARKER_SWAPPED`` and ``MARKER_GHOST``.
@@ -55,10 +55,11 @@ class CleanedLabels:
 def clean_labels(
     points: np.ndarray, expected: np.ndarray, around: np.ndarray, tested: np.ndarray, fps: float
 ) -> CleanedLabels:
-    """Correct swapped labels and exclude ghosts.
+    """Correct swapped labels, and exclude ghost points.
 
     For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is the gain from a
-    label swap. They are swapped if its mean over a window is large. If one is hidden, the other's label changes.
+    label swap. They are swapped if its mean over a window is large. If one of them is hidden, the other's label
+    changes.
 
     Args:
         points: (F, M, 3) measured markers x in metres, NaN where missing.
@@ -92,7 +93,7 @@ def clean_labels(
 
 
 def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return the (F, M, 3) errors of the body near each marker in metres, 0 if unknown."""
+    """Estimate the error of the fitted body near each marker, (F, M, 3) in metres, 0 if unknown."""
     ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3). Missing values come last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)
     middle = [np.take_along_axis(ordered, place, 2) for place in ((count - 1) // 2, count // 2)]
@@ -105,7 +106,7 @@ def _gain(points: np.ndarray, expected: np.ndarray, a: int, b: int) -> np.ndarra
 
 
 def _misfit(off: np.ndarray) -> np.ndarray:
-    """Return half the robust squares (F,) of (F, 3) errors, 0 where one is missing."""
+    """Return half the robust squares (F,) of errors (F, 3), 0 where an error is missing."""
     squared = (off * off).sum(-1) / SIGMA_M**2
     return 0.5 * geman_mcclure(np.nan_to_num(squared), SCALE)[0]
 
@@ -118,7 +119,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Extend a frame range to adjacent frames with a gain, and trim frames without one."""
+    """Extend a frame range to adjacent frames in which a swap gains, and trim frames in which it does not."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:
@@ -131,7 +132,7 @@ def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
 
 
 def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: tuple[str, ...]) -> list[Diagnostic]:
-    """Return diagnostics about stationary (F, M) markers and about wrong labels."""
+    """Return warnings about stationary markers, given as an (F, M) mask, and about wrong labels."""
     found = [
         diagnostic("marker_still", markers=[labels[m]], frames=[run], remedy=Remedy.BRIDGED)
         for m in np.flatnonzero(still.any(axis=0))
@@ -149,7 +150,7 @@ def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: t
 
 
 def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Merge diagnostics with the same code if they concern more than ``MOST_NAMED`` markers."""
+    """Merge warnings with the same code if they concern more than ``MOST_NAMED`` markers."""
     items = list(found)
     for code in ("marker_ghost", "marker_still"):
         alike = [item for item in items if item.code == code]
@@ -184,7 +185,7 @@ _SHIN = ("KNE", "KNM"), ("ANK", "ANM", "HEE")
 
 
 def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
-    """Check that left limbs are on the left and that feet point forward.
+    """Check that left limbs are on the left, and that feet point forward.
 
     Let l point from right to left, u from feet to waist and f from heels to toes. Then ``(l × u) · f > 0``. For
     strongly bent knees and for joint centres without toes, f points from the line between hip and ankle to the forward
@@ -268,7 +269,7 @@ def _on_skin(name: str) -> str:
 
 
 def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the (n, F) sines of the feet's direction relative to waist and legs, or None.
+    """Return the sines (n, F) of the feet's direction relative to waist and legs, positive forwards, or None.
 
     The feet of kneeling legs point backwards, so legs with strongly bent knees are judged by the knees' direction.
     """
@@ -293,7 +294,7 @@ def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | No
 def _knee_forward(
     lateral: np.ndarray, hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, least: float
 ) -> np.ndarray:
-    """Return the (F,) sines of the knee's bending direction, positive forwards, NaN for straight knees."""
+    """Return the sines (F,) of the direction in which a knee bends, positive forwards, NaN for straight knees."""
     along, bend = unit(hip - ankle), knee - ankle
     bend = bend - (bend * along).sum(-1, keepdims=True) * along
     bent = np.linalg.norm(bend, axis=-1) > least * np.linalg.norm(hip - ankle, axis=-1)
@@ -301,7 +302,7 @@ def _knee_forward(
 
 
 def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return (n, F) sines of the directions of bent knees and noses, positive forwards, or None."""
+    """Return the sines (n, F) of the directions of bent knees and noses, positive forwards, or None without either."""
     found = []
     hips, shoulders = _lateral(points, column, ("FWT",), 1), _lateral(points, column, ("SHO",), 1)
     if hips is not None:
@@ -320,7 +321,7 @@ def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray |
 
 
 def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], least: int) -> np.ndarray | None:
-    """Return the (F, 3) mean vectors in metres from right to left markers, or None if there are too few pairs."""
+    """Return the mean vectors (F, 3) in metres from right to left markers, or None for fewer than ``least`` pairs."""
     pairs = [(column["L" + p], column["R" + p]) for p in places if {"L" + p, "R" + p} <= column.keys()]
     if len(pairs) < least:
         return None
@@ -333,7 +334,6 @@ def _along(points: np.ndarray, column: dict[str, int], side: str) -> np.ndarray 
 
 
 def _mean(points: np.ndarray, column: dict[str, int], names: Sequence[str]) -> np.ndarray | None:
-    """Return the (F, 3) means of the known markers, or None if there are none."""
     chosen = [column[name] for name in names if name in column]
     return points[:, chosen].mean(axis=1) if chosen else None
 
@@ -350,14 +350,13 @@ def _usual(values: np.ndarray, share: float = 0.5) -> float:
 ELBOW_BENT = 0.35  # Smallest sine of a bend that counts. The elbow marker on a straight arm shows 0.3.
 EXCHANGED = -0.3
 """Median cosine below which names are swapped. In 347 of 351 arms it is above 0.37
-(docs/research-log/marker_files.md).
-"""
+(docs/research-log/marker_files.md)."""
 LEAST_FRAMES = 20  # Smallest number of frames with a bent elbow.
 _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")
 
 
 def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[int, int]]:
-    """Return the columns of the markers WRA and WRB on each side where these names are swapped.
+    """Find sides where the wrist labels WRA and WRB are swapped. Return the columns of these pairs.
 
     For every rotation of the hand, the thumb side of the wrist is within 90 degrees of the upper arm, measured across
     the forearm. If f points from elbow to wrist and u from elbow to shoulder, ``(x_A - x_B) · (u - (u · f) f) > 0``.
@@ -378,7 +377,7 @@ def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[in
 
 
 def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> NamesOverTakes:
-    """Correct wrist marker names in takes. Return the takes and the changes."""
+    """Correct swapped wrist labels in takes. Return the takes and the changes."""
     takes, changes = list(clouds), list[NameChange]()
     for number, cloud in enumerate(clouds):
         labels = cloud.labels or ()
@@ -392,7 +391,7 @@ def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> 
 
 
 def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarray, elbow: np.ndarray) -> float:
-    """Return the median cosine between wrist line and upper arm, measured across the forearm."""
+    """Return the median cosine between the line of the wrist markers and the upper arm, measured across the forearm."""
     forearm = unit(0.5 * (inner + outer) - elbow)
     upper = shoulder - elbow
     across = upper - (upper * forearm).sum(-1, keepdims=True) * forearm
@@ -405,13 +404,12 @@ def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarra
 FRAMES = 16  # Number of varied frames compared before a person is calibrated.
 OFF_M, EXCHANGE_LEAVES = 0.04, 0.3
 """Smallest RMS distance in metres of both markers from their positions, and largest share of it that may remain after a
-swap.
-"""
+swap."""
 LEAST = 8  # Smallest number of frames that show both markers.
 
 
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
-    """Return pairs of markers whose labels are swapped, judged by fitting the average person.
+    """Find pairs of markers with swapped labels by fitting the average person.
 
     Markers known only by their bone have no expected position, so they are excluded.
     """
@@ -424,10 +422,10 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
 
 
 def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:
-    """Return pairs of markers that are each at the other's position in the median frame.
+    """Find pairs of markers that are at each other's position in most frames.
 
-    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)``, where m are medians over frames and positions
-    y are corrected by the body's error near each marker.
+    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)``, where m are medians over frames. The expected
+    positions y are corrected by the body's error near each marker.
     """
     around = neighbours_of(points)
     shifted = expected + shared_error(points - expected, around)
@@ -450,7 +448,7 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
 def named_alike(
     clouds: Sequence[MarkerCloud], own: Mapping[str, str]
 ) -> tuple[tuple[MarkerCloud, ...], dict[str, Any]]:
-    """Make names consistent across takes. Return the takes, and the changes for the person's record."""
+    """Make labels consistent across takes. Return the takes, and the changes for the person's provenance."""
     wrists = with_wrists_named(clouds, own)
     named = names_over_takes(wrists.clouds, own)
     return named.clouds, over_takes((*wrists.changes, *named.changes))

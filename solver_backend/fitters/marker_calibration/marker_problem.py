@@ -72,8 +72,7 @@ from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, Mark
 
 FARTHEST_M = {"shaft": 0.19, "hand": 0.15, "trunk": 0.15, "head": 0.15, "bone": 0.13, "foot": 0.11}
 """Largest distance in metres of a marker from its location, for each kind of location. Wands reach 0.155, others 0.13
-(1,900 markers).
-"""
+(1,900 markers)."""
 FREE_M = {"BAC": 0.25, "SACR": 0.16}  # The same for freely chosen positions: the back's offset, the sacrum's wands.
 
 
@@ -87,7 +86,7 @@ def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
 
 
 def distances(found: SubjectCalibration, points: np.ndarray) -> np.ndarray:
-    """Return each marker's (M,) distance from its location in metres, plus its median residual."""
+    """Return the distances (M,) of markers from their locations in metres, plus their median residuals."""
     away = np.linalg.norm(points[found.frames] - to_numpy(pose(found.subject, found.poses).points), axis=-1)
     residual = np.nan_to_num(quantile(away, 0.5, axis=0))
     return np.linalg.norm(to_numpy(found.subject.offsets), axis=-1) + residual
@@ -111,7 +110,7 @@ LEAST_FRAMES = 4  # Smallest number of frames in a take that show a marker.
 
 
 def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray) -> list[tuple[int, float, int, int]]:
-    """Return markers at different positions in two takes, with their distance and the takes.
+    """Find markers at different positions in two takes. Return each with the distance and the two takes.
 
     A marker's position in a take is the median of ``Gᵀ (x - p)`` over the calibrated frames, where p and G are the
     position and rotation of the landmark's main bone. ``points`` (F, M, 3) are the takes' markers in metres, NaN where
@@ -150,14 +149,14 @@ def marker_problem(
     progress: Progress,
     person: MarkerSubject | None = None,
 ) -> Problem:
-    """Prepare the problem of labelled markers on a calibrated person.
+    """Prepare the problem of solving labelled markers on a calibrated person.
 
     Args:
         person: a person from an earlier calibration. None calibrates on this take.
 
     Raises:
         MarkersUnknown, NoDetections: too few markers are known or visible.
-        MarkersMirrored: the markers are a mirror image of those on a body.
+        MarkersMirrored: the markers are a mirror image of markers on a body.
         SubjectInvalid: the person was calibrated on another body or wears other markers.
     """
     found: list[Diagnostic] = []
@@ -227,9 +226,9 @@ def _cleaned(
 
 
 def moved_points(cloud: MarkerCloud, points: np.ndarray) -> MarkerCloud:
-    """Return the cloud after moving (F, L, 3) points to other columns.
+    """Return the cloud after label corrections. Residuals and covariances follow their points.
 
-    Excluded markers are NaN.
+    ``points`` (F, L, 3) are the corrected positions. Excluded markers are NaN.
     """
     if cloud.residual is None and cloud.covariance is None:
         return replace(cloud, positions=points)
@@ -266,7 +265,7 @@ def calibrated(
 
     Raises:
         MarkersUnknown, NoDetections: too few markers are known or visible.
-        MarkersMirrored: the markers are a mirror image of those on a body.
+        MarkersMirrored: the markers are a mirror image of markers on a body.
         FileMissing, FileDamaged: the layout file in the settings cannot be read.
     """
     cloud = joined(clouds)
@@ -297,7 +296,7 @@ def calibrated(
     takes = np.repeat(np.arange(len(clouds)), [len(one.positions) for one in clouds])
 
     def leave_out(gone: Collection[int]) -> bool:
-        """Calibrate again without some markers, if enough remain."""
+        """Calibrate again without some markers. Return whether enough remain."""
         nonlocal known, problem, found
         places = problem.measurements.landmarks.names
         if not gone or len(places) - len(gone) < least_markers(places):
@@ -332,7 +331,6 @@ def calibrated(
 
 
 def _disjoint(pairs: Sequence[tuple[int, int]], more: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return the additional pairs that share no marker with the first ones."""
     known = {m for pair in pairs for m in pair}
     return [pair for pair in more if not known & set(pair)]
 
@@ -340,7 +338,7 @@ def _disjoint(pairs: Sequence[tuple[int, int]], more: Sequence[tuple[int, int]])
 def _with_attached(
     person: MarkerSubject, found: SubjectCalibration, cloud: MarkerCloud, unknown: Collection[str]
 ) -> MarkerSubject:
-    """Add markers with unknown labels that move with a bone and do not belong to a prop."""
+    """Add markers with unknown labels to a person if they move with a bone and do not belong to a prop."""
     bones = BonePoses.of(found.subject, found.poses)
     columns = [column for column, label in enumerate(cloud.names) if label in unknown]
     some = MarkerCloud(cloud.positions[found.frames][:, columns], cloud.fps, tuple(cloud.names[i] for i in columns))
@@ -359,7 +357,7 @@ def _with_attached(
 
 
 def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
-    """Concatenate the frames of several takes. Markers that a take does not have become NaN."""
+    """Concatenate the frames of several takes. Markers that a take does not have are NaN in its frames."""
     if len(clouds) == 1:
         return clouds[0]
     labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.names))

@@ -1,4 +1,4 @@
-"""Report warnings about a person's markers that were found before or during calibration."""
+"""Report warnings about a person's markers from before and during calibration."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NAMES_OVER_TAKES, SIDE_FOUND = "names_over_takes", "side_found"
 
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
-    """Return diagnostics about unused names, excluded markers and detected sides."""
+    """Return warnings about unused names, excluded markers and detected sides."""
     sides, over, off, two = (
         person.provenance.get(key, ()) for key in (SIDE_FOUND, NAMES_OVER_TAKES, MISPLACED, TWO_PLACES)
     )
@@ -55,7 +55,7 @@ def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
 
 
 def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
-    """Return the provenance of names that were swapped in single takes."""
+    """Return the provenance entry for names that were swapped in single takes."""
     rows = [
         {"take": c.take + 1, "labels": [label for label in (c.first, c.second) if label], "corrected": c.mended}
         for c in changes
@@ -64,7 +64,7 @@ def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
 
 
 def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
-    """Return diagnostics about swapped labels. A solve of the take itself reports them with frames."""
+    """Return warnings about swapped labels, without frames. A solve of the take itself reports the frames."""
     pairs = person.provenance.get(EXCHANGED, ())
     return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
 
@@ -78,7 +78,7 @@ _CHAIN = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 
 
 def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
-    """Return a diagnostic if points with joint names are not joint centres."""
+    """Return a warning if points with joint names are not joint centres."""
     if not any(is_joint_centre(place) for place in person.places):
         return []
     chain = [m for m, place in enumerate(person.places) if is_joint_centre(place) and place.endswith(_CHAIN)]
@@ -102,13 +102,13 @@ def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:
 
 
 TRUNK = ("C7", "T2", "T4", "T8", "T10", "T12", "CLAV", "STRN", "SACR", "SHO", "FSH", "BSH", "FWT", "BWT", "MWT")
-"""Locations, without side, that stay nearly rigid relative to each other."""
+"""Marker locations, without side, that are nearly rigid relative to each other."""
 LEAST, MIRROR_FRAMES = 5, 40  # Smallest number of trunk markers, and number of frames compared.
 SHARE = 0.75  # Largest median ratio between the errors of the mirrored and the direct fit.
 
 
 def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
-    """Check that the trunk's markers are not the mirror image of those on a body.
+    """Check that the trunk's markers are not mirrored.
 
     The markers in each frame are aligned with the rest pose by a rotation, and by a rotation with a reflection (Kabsch
     1976, with and without the sign of the determinant). ``points`` are (F, L, 3) in metres, NaN where missing.
@@ -133,7 +133,7 @@ def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
 
 
 def mirror_image(what: str) -> MarkersMirrored:
-    """Return the error for markers that are the mirror image of those on a body."""
+    """Return the error for mirrored markers."""
     return MarkersMirrored(
         f"The {what} are mirrored. Left and right labels are swapped, or an axis is reversed.",
         where="markers",
@@ -184,7 +184,7 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
 
 
 def _parted(distance: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of the markers beyond the longest edge of their spanning tree."""
+    """Return an (M,) mask of the markers beyond the longest edge of their minimum spanning tree."""
     count = len(distance)
     parent, away = np.zeros(count, dtype=int), distance[0].copy()
     inside = np.arange(count) == 0

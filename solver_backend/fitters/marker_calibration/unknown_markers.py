@@ -1,4 +1,4 @@
-"""Attach markers with unknown labels to a bone, or to a prop as a rigid group."""
+"""Attach markers with unknown labels to a bone, or group them as a rigid prop."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST = 100  # Largest number of markers compared, because all pairs are. The mos
 
 
 def rigid_groups(points: np.ndarray) -> list[list[int]]:
-    """Return groups of three or more moving markers at constant distances from each other, largest group first.
+    """Find groups of three or more moving markers at constant distances from each other, largest group first.
 
     Each group is a clique. It starts with the marker that has the largest number of constant distances, and adds the
     best-fitting marker at each step. A marker that was never visible together with a member must fit three other
@@ -47,7 +47,7 @@ def rigid_groups(points: np.ndarray) -> list[list[int]]:
 
 
 def _constant(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) masks of pairs with a constant distance, and of pairs that are visible together."""
+    """Return (N, N) masks of marker pairs at a constant distance, and of pairs that are visible together."""
     count = points.shape[1]
     constant, together = np.zeros((count, count), dtype=bool), np.zeros((count, count), dtype=bool)
     for m in range(count):
@@ -94,32 +94,32 @@ class Attachment:
 
     @classmethod
     def on_bone(cls, bone: int, offset: np.ndarray, spread: np.ndarray) -> Attachment:
-        """Return the attachment to one bone, given the results of ``bone_offsets``."""
+        """Create the attachment to one bone from the results of ``bone_offsets``."""
         return cls(ON_BONE + SMPL_JOINTS[bone], offset[bone], float(spread[bone] / _MEDIAN_LENGTH))
 
 
 @dataclass(frozen=True)
 class BonePoses:
-    """Joints (F, 24, 3) in metres and global rotations (F, 24, 3, 3) of the person's bones."""
+    """Joint positions (F, 24, 3) in metres and global rotations (F, 24, 3, 3) of a person's bones."""
 
     joints: np.ndarray
     rotations: np.ndarray
 
     @classmethod
     def of(cls, subject: Subject, frames: PosedFrames) -> BonePoses:
-        """Return a person's bones in the given poses."""
+        """Compute a person's bones in the given poses."""
         skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
         return cls(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
     def carry(self, points: np.ndarray) -> bool:
-        """Return whether one bone carries all (F, M, 3) markers at constant offsets."""
+        """Return whether a single bone carries all markers (F, M, 3) at constant offsets."""
         offsets = [bone_offsets(points[:, m], self.joints, self.rotations) for m in range(points.shape[1])]
         spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
         return bool(((spread < RESIDUAL_M) & (reach < REACH_M)).any())
 
 
 def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> Attachment | None:
-    """Attach a marker to the bone relative to which its offset is most constant. Return None if no bone fits.
+    """Attach a marker to the bone for which its offset is most constant. Return None if no bone fits.
 
     The offset on bone j is ``o_j = median_f G_jᵀ (x - p_j)`` per axis, which is robust to wrong points. The bone with
     the smallest median distance from the offset is chosen. If several bones are equally good within the noise, the one
@@ -142,8 +142,8 @@ def common_bones(
 ) -> dict[str, str]:
     """Map the label of each unknown marker in a rigid group to the joint of its bone.
 
-    Markers on a rigid plate are on one bone: a possible one of the group's known markers, or else any bone. The bone
-    with the most constant offsets of the whole group is chosen, as single markers may fit a neighbouring bone.
+    Markers on a rigid plate are on one bone: a possible bone of the group's known markers, or else any bone. The bone
+    with the most constant offsets of the whole group is chosen, because single markers may fit a neighbouring bone.
 
     Args:
         points: (F, N, 3) positions in metres, NaN where missing.
@@ -166,7 +166,7 @@ def common_bones(
 def bone_offsets(
     points: np.ndarray, joints: np.ndarray, rotations: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a marker's offset from each bone, the median distance from it, and the offset's length.
+    """Return a marker's offset from each bone, the median distance from this offset, and the offset's length.
 
     ``points`` (F, 3) and ``joints`` (F, 24, 3) are in metres, and ``rotations`` (F, 24, 3, 3) are global.
     """
@@ -181,7 +181,7 @@ SEPARATOR = ":"  # Between a subject's prefix and a label.
 _OTHER = {"l": "R", "r": "L", "left": "right", "right": "left"}
 _SIDE = tuple(re.compile(text, re.IGNORECASE) for text in (r"left|right", r"^[lr]", r"[lr](?=[\W\d_]*$)"))
 _NO_PARTS = {"LAT", "MED", "FRONT", "BACK", "TOP", "UPPER", "BIG", "GREATER", "FIRST", "SECOND", "THIRD", "FIFTH"}
-"""Words in labels that are not body parts."""
+"""Words in labels that are not names of body parts."""
 _FIRST_WORD = re.compile(r"[^\W\d_]([A-Z]+(?![a-z])|[^\W\dA-Z_]*)")
 LEAST_NAME = 3
 """Smallest number of initial letters that labels must share to name a prop."""
@@ -189,14 +189,14 @@ LEAST_NAME = 3
 
 @dataclass(frozen=True)
 class LooseGroup:
-    """The markers on one prop."""
+    """Group of markers on one prop."""
 
     name: str  # The shared prefix or beginning of their labels, or else a number.
     columns: tuple[int, ...]  # Their columns in the cloud.
 
 
 def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[LooseGroup]:
-    """Return the groups of markers that move as rigid bodies and share a label prefix.
+    """Find groups of markers that move as rigid bodies and share a label prefix.
 
     ``cloud`` contains markers without a known location on a body. Groups carried by one of ``bones`` are excluded.
     """
@@ -230,7 +230,7 @@ def _name(labels: list[str], number: int) -> str:
 
 
 def _is_one_of_a_pair(group: set[str], labels: Sequence[str]) -> bool:
-    """Return whether most markers in a group have a counterpart on the other side."""
+    """Return whether most markers in a group have a counterpart on the other side of the body."""
     outside = {label.casefold() for label in labels if label not in group}
     paired = [label for label in group if mirrored_labels(label) & outside]
     return 2 * len(paired) > len(group)
@@ -244,7 +244,7 @@ def _names_a_part(group: set[str]) -> bool:
 
 
 def mirrored_labels(label: str) -> set[str]:
-    """Return possible labels for the marker on the other side, by swapping L, R, left or right."""
+    """Return possible labels of the marker on the other side of the body, by swapping L, R, left or right."""
     prefix, colon, name = label.rpartition(SEPARATOR)
     turned = {pattern.sub(lambda found: _OTHER[found[0].lower()], name, count=1) for pattern in _SIDE}
     return {(prefix + colon + text).casefold() for text in turned} - {label.casefold()}

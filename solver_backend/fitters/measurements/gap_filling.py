@@ -1,4 +1,4 @@
-"""Fill marker gaps using the fitted body and the marker's neighbours."""
+"""Fill marker gaps, using the fitted body and neighbouring markers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ or a factor of 2 increase the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %,
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
-    """Return (M, N) indices that sort points by the variance of their distances.
+    """Return (M, N) indices of the points in ``pool``, sorted by how constant their distances from each point are.
 
     A term for the distance puts near points first if all variances are small, as for a person who stands still. Missing
     points are NaN. Points that are visible together in fewer than two sampled frames come last.
@@ -41,12 +41,12 @@ def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
 def among(
     points: np.ndarray, near: np.ndarray, rows: np.ndarray, known: np.ndarray, gap: np.ndarray, lasting: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Predict a marker's (n, 3) positions in a gap, with squared errors in m².
+    """Predict a marker's positions (n, 3) in a gap from its neighbours, with squared errors in m².
 
     In the neighbours' moving axes (Kabsch 1976), the marker's position is ``u = W v``, found by ridge regression on the
-    neighbours' positions v in these axes. v describes how the neighbours move within the cluster. Errors at the gap's
-    ends are interpolated into it. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is the training frames' error times ``1
-    + R h + (h / h_max)²``: errors of W grow linearly with the distance v, and errors from nonlinear movement
+    neighbours' positions v in these axes. v describes how the neighbours move relative to each other. Errors at the
+    gap's ends are interpolated into it. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is the training frames' error
+    times ``1 + R h + (h / h_max)²``: errors of W grow linearly with the distance v, and errors from nonlinear movement
     quadratically. In the training frame with the largest h, the latter are as large as the training error.
 
     Args:
@@ -81,13 +81,13 @@ def among(
 
 
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
-    """Return the weight ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)`` of a gap's first end."""
+    """Return the weight of a gap's first end at frame t of n: ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``."""
     away, span = times / lasting, (length + 1) / lasting
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # cannot overflow in long gaps
 
 
 def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasting: float) -> np.ndarray:
-    """Return the (n, 3) mean of a random process with the given errors at a gap's ends."""
+    """Interpolate the errors at a gap's ends to its frames (n, 3), as the mean of a random process with these ends."""
     since = np.abs(frames - ends[:, None])
     share = joining_shares(since, ends[1] - ends[0] - 1, lasting) if len(ends) == 2 else np.exp(-since / lasting)
     return share.T @ errors
@@ -95,19 +95,19 @@ def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasti
 
 LAG_S, LONGER = 0.2, 3.0
 """Lag in seconds at which the error correlation is measured, and factor applied to the correlation time in gaps,
-because the fit of visible markers removes slow errors.
-"""
+because the fit of visible markers removes slow errors."""
 CORRELATION = (0.01, 0.98)  # Limits of this correlation.
 
 
 def filled(
     measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: float, others: np.ndarray | None = None
 ) -> np.ndarray:
-    """Fill the gaps of (F, M, 3) markers with the weighted mean of two predictions.
+    """Fill the gaps of markers (F, M, 3) with the weighted mean of two predictions.
 
     The first prediction is the marker y on the body, corrected to match the measurements at both ends a and b of the
-    gap: ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)``. The errors ``d =
-    B⁻¹ (x - y)`` at the ends are in the axes B of the marker's bones. This is the mean of an Ornstein-Uhlenbeck
+    gap:
+    ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)``. The errors
+    ``d = B⁻¹ (x - y)`` at the ends are in the axes B of the marker's bones. This is the mean of an Ornstein-Uhlenbeck
     process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. τ is estimated from the take.
 
     The second prediction comes from the neighbours (see ``among``). Frames around the gap give the mean squared errors
@@ -156,7 +156,7 @@ def filled(
 
 
 def lasting_frames(off: np.ndarray, lag: int) -> float:
-    """Estimate the correlation time τ of the errors in frames."""
+    """Estimate the correlation time τ of the body's errors in frames, from their correlation at a lag."""
     early, late = off[:-lag], off[lag:]
     both = np.isfinite(early) & np.isfinite(late)
     early, late = np.where(both, early, 0.0), np.where(both, late, 0.0)
@@ -166,6 +166,6 @@ def lasting_frames(off: np.ndarray, lag: int) -> float:
 
 
 def bone_rotations(landmarks: Landmarks, rotations: np.ndarray) -> np.ndarray:
-    """Return the (F, M, 3, 3) mean rotations of the landmarks' bones."""
+    """Return the mean rotations (F, M, 3, 3) of the bones that each landmark is on."""
     frames, count = len(rotations), len(landmarks)
     return (landmarks.weights @ rotations.reshape(frames, -1, 9)).reshape(frames, count, 3, 3)

@@ -1,4 +1,4 @@
-"""Measure optical markers, and landmarks from a network, without cameras."""
+"""Measure optical markers, and landmarks that a network estimates, without cameras."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ _LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Most and fewest frames c
 
 
 def no_person_in(points: np.ndarray) -> str:
-    """Return the reason why (F, N, 3) points in metres do not show a whole person, or "".
+    """Return the reason why points (F, N, 3) in metres do not show a whole person, or "".
 
-    The points are too close together in every frame, or they move as one rigid body. Rigidity is tested with sorted
-    distances in the frames with the most points, so that swapped tracks do not matter.
+    They do not if the points are too close together in every frame, or move as one rigid body. Rigidity is tested with
+    sorted distances in the frames with the most points, so that swapped tracks do not matter.
     """
     seen = np.isfinite(points).all(-1)
     count = seen.sum(axis=1)
@@ -69,7 +69,7 @@ def no_person_in(points: np.ndarray) -> str:
 
 
 def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
-    """Return the markers whose labels are in a known layout or have a user-defined location.
+    """Select the markers with labels in a known layout, or with a user-defined location.
 
     Raises:
         MarkersUnknown: there are no labels, or fewer of them are known than ``least_markers``.
@@ -105,10 +105,10 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
 def measure_markers(
     cloud: MarkerCloud, body: Body, like: Array, sigma_m: float = SIGMA_M, own: Mapping[str, str] = MappingProxyType({})
 ) -> Measurements:
-    """Return the measurements of labelled markers.
+    """Prepare labelled markers as measurements of a body.
 
     Args:
-        cloud: markers whose labels are all in known layouts (see ``LayoutFile.place_of``).
+        cloud: markers with labels in known layouts (see ``LayoutFile.place_of``).
         sigma_m: standard deviation of a marker relative to the body per axis, in metres.
         own: user-defined locations, see ``name_markers``.
 
@@ -121,10 +121,11 @@ def measure_markers(
 
 
 def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: np.ndarray) -> Measurements:
-    """Return the measurements of markers with known landmarks (see ``measure_markers``).
+    """Prepare markers with known landmarks as measurements (see ``measure_markers``).
 
-    The tracker's noise is added to the variance: covariances Σ give ``σ_marker² 1 + Σ``, and residuals give ``σ_marker²
-    + residual²``. ``sigma_m`` are the (L,) standard deviations of markers relative to the body per axis, in metres.
+    The tracker's noise is added to the variance: covariances Σ give ``σ_marker² 1 + Σ``, and residuals give
+    ``σ_marker² + residual²``. ``sigma_m`` are the (L,) standard deviations of markers relative to the body per axis, in
+    metres.
     """
     points, located = _located(cloud.positions, "markers")
     noise = np.zeros((*points.shape, 3)) if cloud.covariance is None else np.nan_to_num(cloud.covariance)
@@ -154,7 +155,7 @@ def _term(points: np.ndarray, weight: np.ndarray, like: Array) -> PositionTerm:
 
 
 def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray) -> Measurements:
-    """Add a calibrated person and (L,) marker deviations to the measurements."""
+    """Add a calibrated person, and the deviations (L,) of the person's markers, to the measurements."""
     assert isinstance(measured.source, LocatedPoints)
     return replace(measured, known_person=subject, source=replace(measured.source, sigma_m=sigma_m))
 
@@ -186,7 +187,7 @@ def _listed(labels: Sequence[str], most: int = 12) -> str:
 def measure_landmarks(
     landmarks: Landmarks, points: np.ndarray, fps: float, like: Array, sigma_m: float = SIGMA_M
 ) -> Measurements:
-    """Return the measurements of (F, L, 3) landmarks in metres, NaN where missing.
+    """Prepare landmark positions (F, L, 3) in metres, NaN where missing, as measurements.
 
     Raises:
         NoDetections: no frame shows enough landmarks to place a body.
@@ -204,7 +205,7 @@ _LANDMARKS = JointSet.HALPE_26
 
 
 def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Array) -> Measurements:
-    """Use the body points of a motion as measurements, except near the pinned frames.
+    """Prepare the body points of an earlier motion as measurements, except near pinned frames.
 
     Raises:
         MotionInvalid: the motion is for another body or layout.
@@ -225,7 +226,7 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
 def measure_network_landmarks(
     cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent, network_file: str = ""
 ) -> Measurements:
-    """Measure the network's landmarks in each frame of a cloud (thesis 5.2.2).
+    """Prepare the landmarks that a network estimates in each frame of a cloud as measurements (thesis 5.2.2).
 
     ``network_file`` is as in ``chosen_network``.
 
@@ -251,7 +252,7 @@ def measure_network_landmarks(
 def measure_directly(
     capture: Capture, body: Body, like: Array, settings: SolveSettings, person: MarkerSubject | None, progress: Progress
 ) -> Measurements:
-    """Measure the network's landmarks in a marker recording.
+    """Prepare the network's landmarks in a marker recording as measurements, according to the settings.
 
     Raises:
         JobInvalid: the recording has no markers.

@@ -59,7 +59,7 @@ OF_MARKERS_M = {
     "spine3": 0.0039, "foot": 0.0052, "neck": 0.0044, "collar": 0.0044, "head": 0.0049, "shoulder": 0.0057,
     "elbow": 0.0083, "wrist": 0.0054, "hand": 0.0066,
 }  # fmt: skip
-"""The same standard deviations of the joints for markers on a calibrated person. Four fifths of the error comes from
+"""Standard deviations of constant joint errors for markers on a calibrated person. Four fifths of the error comes from
 the calibration and is the same in all frames. Measured with ``python -m tests.benchmarks.marker_takes.coverage`` on
 other takes."""
 
@@ -68,13 +68,13 @@ class _Points(PointSource):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Put body parts without measurements at rest."""
+        """Put body parts without measurements in a relaxed pose."""
         return rest_parts(problem.measurements, solved), self
 
 
 @dataclass(frozen=True)
 class ViewPoints(_Points):
-    """Keypoints in several calibrated cameras."""
+    """Source of a solve's points: keypoints in several calibrated cameras."""
 
     cameras: Cameras
     keypoints: Keypoints2D
@@ -83,23 +83,23 @@ class ViewPoints(_Points):
     )
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Record the body's keypoints in the motion."""
+        """Store the keypoints of the solved body in the motion."""
         return replace(
             motion, keypoints3d=posed.points[:, : self.keypoints.xy.shape[2]], joint_set=self.keypoints.joint_set
         )
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-        """Return (C, F, K) reprojection errors in pixels, and statistics."""
+        """Return reprojection errors (C, F, K) in pixels, and their median and RMS."""
         error = reprojection_px(self.cameras, points[:, : self.keypoints.xy.shape[2]], self.keypoints)
         median, rmse = np.nanmedian(error), np.sqrt(np.nanmean(error**2))
         return error, {"reprojection_median_px": float(median), "reprojection_rmse_px": float(rmse)}
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the (J,) standard deviations of constant errors in metres, see ``PointSource``."""
+        """Return the standard deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
         return np.full(layout.num_joints, CONSTANT_M)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Learn the noise of each keypoint in each view."""
+        """Learn the noise of each keypoint in each view, and return the data term with it."""
         problem, posed = bundle.problem, bundle.posed
         sample = posed.poses.select(index(problem.sample, posed.keys.z))
         return with_learned_noise(problem, posed.subject, sample, bundle.settings)
@@ -107,7 +107,7 @@ class ViewPoints(_Points):
 
 @dataclass(frozen=True)
 class LocatedPoints(_Points):
-    """Labelled points with known positions: optical markers, or landmarks from a network."""
+    """Source of a solve's points: optical markers, or landmarks that a network estimated."""
 
     points: np.ndarray  # (F, L, 3) metres, NaN where missing.
     labels: tuple[str, ...]  # (L,) labels.
@@ -119,26 +119,26 @@ class LocatedPoints(_Points):
 
     @classmethod
     def of(cls, points: np.ndarray, labels: tuple[str, ...] | None) -> LocatedPoints:
-        """Return points without calibration data."""
+        """Create the source for points without a calibrated person."""
         return cls(points, labels or (), np.zeros(points.shape[:2], np.uint8))
 
     @property
     def calibrated(self) -> bool:
-        """Return whether the person was calibrated."""
+        """True if the person was calibrated."""
         return self.sigma_m is not None
 
     @property
     def knows_floor(self) -> bool:
-        """Return False, because a laboratory may define zero differently, and shoes have soles."""
+        """False, because a laboratory may define zero height differently, and shoes have soles."""
         return False
 
     @property
     def recipe(self) -> str:
-        """Name of the recipe, see ``PointSource``."""
+        """Name of the solve's recipe (see ``PointSource``)."""
         return "known person" if self.calibrated else "views"
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Add the markers, their residuals, and the recording with filled gaps to the motion."""
+        """Store the markers, their residuals, and the recording with filled gaps in the motion."""
         from solver_backend.fitters.measurements.gap_filling import bone_rotations, filled
 
         subject, seen = posed.subject, np.isfinite(self.points).all(-1)
@@ -156,7 +156,7 @@ class LocatedPoints(_Points):
         )
 
     def report(self, points: np.ndarray) -> tuple[None, dict[str, float]]:
-        """Return None, because there are no reprojection errors, and statistics over all visible markers."""
+        """Return no reprojection errors, and statistics over all visible markers."""
         error = 1000 * np.linalg.norm(points - self.points, axis=-1)
         error = error[np.isfinite(error)]
         return None, {
@@ -167,13 +167,13 @@ class LocatedPoints(_Points):
         }
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the (J,) standard deviations of constant errors in metres, see ``PointSource``."""
+        """Return the standard deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
         parts = [name.removeprefix("left_").removeprefix("right_") for name in layout.joints]
         known = OF_MARKERS_M if self.calibrated else {}
         return np.array([known.get(part, CONSTANT_M) for part in parts])
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Learn the noise of each landmark in each part of the take."""
+        """Learn the noise of each landmark in each part of the take, and return the data term with it."""
         problem, settings, posed = bundle.problem, bundle.settings, bundle.posed
         if not settings.learn_noise:
             return bundle.data
@@ -193,7 +193,9 @@ error usually comes from a wrong knee, and lower weights for the feet increase t
 
 
 def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return the (C, F, L) deviations ``sqrt(sigma² + (f m / z)²)`` of detections in px.
+    """Return the deviations (C, F, L) of detections from the solved body in px: ``sqrt(sigma² + (f m / z)²)``.
+
+    m is ``MODEL_ERROR_M``, f the focal length and z the depth.
 
     Args:
         points: (F, L, 3) triangulated points in metres, NaN where missing. Their median gives a frame's depth z.
@@ -205,7 +207,7 @@ def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> 
 
 
 def _centres(points: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) medians of (F, L, 3) points per coordinate. Empty frames get the take's median."""
+    """Return the median position (F, 3) of the points (F, L, 3) per coordinate. Empty frames get the take's median."""
     ordered = np.sort(points, axis=1)  # missing values come last
     count = np.isfinite(ordered).sum(axis=1)
     centres = np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None], axis=1)[:, 0]
@@ -215,7 +217,7 @@ def _centres(points: np.ndarray) -> np.ndarray:
 def measure_views(
     capture: Capture, body: Body, like: Array, progress: Progress, *, estimate_sync: bool = False, sync: str = SYNC_AUTO
 ) -> Measurements:
-    """Measure a capture's views after repairing faults in single views.
+    """Triangulate a capture's views after repairing faults in single views, and prepare them as measurements.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -236,7 +238,7 @@ def measurements_of(
     *,
     model_error: bool = True,
 ) -> Measurements:
-    """Return the measurements of a triangulated capture without repairs.
+    """Prepare a triangulated capture as measurements, without repairs.
 
     Args:
         model_error: add the body model's error to the detector's noise (see ``fit_sigma_px``).
@@ -279,7 +281,7 @@ def measurements_of(
 
 
 def with_meant_confidence(capture: Capture, path: str) -> Capture:
-    """Convert a capture's confidences with a noise map, and add a note.
+    """Convert a capture's confidences with a detector's noise map, and add a note about it.
 
     Raises:
         JobInvalid: the capture has no keypoints, or its confidences have already been converted.
@@ -307,7 +309,7 @@ LEAST_POINTS = 12  # Smallest number of shared points for aligning the motion wi
 def begin_at(
     measurements: Measurements, motion: Motion, body: Body, prior: AutoencodingPrior, like: Array
 ) -> Measurements:
-    """Start the solve of several cameras from a motion, which also replaces missing points.
+    """Start the solve of several cameras from a motion, which also provides missing points.
 
     The motion may be in another world. It is rotated, scaled and shifted to fit the triangulated points in all frames.
 
@@ -343,7 +345,7 @@ class HeldMotion(Layer):
     term: RelativePositionTerm  # Term for the motion's poses at any position.
 
     def terms(self) -> FrameObjective:
-        """Return the term for the motion's poses."""
+        """Return the term that draws the body to the motion's poses, at any position."""
         return FrameObjective((), relative=(self.term,))
 
 

@@ -1,1 +1,1 @@
-"""Define the unknowns of a solve: poses, codes and the curves through keyframes."""
+"""Define the unknowns of a solve: poses, latent codes and the curves through keyframes."""

@@ -1,8 +1,8 @@
 """Define the curve of poses through keyframes, with derivatives (thesis 6.2.5).
 
-Codes follow SIDER-2 (SIDER2) through the three keys of a window, and the decoder turns them into poses (thesis eq.
-6.9). Root rotations follow SIDER-2. Translations and residual rotations follow the parabola through the keys (thesis
-eq. 6.10). With n + 1 keys per window, they follow SIDER-n and a polynomial.
+Codes follow SIDER-2 (SIDER2) through the three keyframes of a window, and the decoder turns them into poses (thesis eq.
+6.9). Root rotations also follow SIDER-2. Translations and residual rotations follow the parabola through the keyframes
+(thesis eq. 6.10). With n + 1 keyframes per window, SIDER-n and a polynomial of degree n are used.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from solver_backend.priors.base import PosePrior
 
 @dataclass(frozen=True)
 class ApartRoot:
-    """A curve of quaternions, and a polynomial or spline of translations (thesis eq. 6.10)."""
+    """Root motion with separate curves: quaternions on a spherical curve, translations on a polynomial or spline."""
 
     keys: Keyframes  # (W, k) keys.
     quats: Interpolant
@@ -65,7 +65,7 @@ class ApartRoot:
         return combined(self.weights, self.keys.transl)
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return the derivatives w.r.t. the keys' quaternions (W, k, 4) and translations (W, k, 3)."""
+        """Return the derivatives w.r.t. the keyframes' quaternions (W, k, 4) and translations (W, k, 3)."""
         xp, shape = array_namespace(by_turn), self.weights.shape[:2]
         # A rotation d of the frame changes its quaternion q by 1/2 (0, d) q. (d q)·q* is the inverse.
         turn = xp.reshape(by_turn, (*shape, 3, 1))
@@ -73,7 +73,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return the (W·n, 6, 6) derivatives of the frames' motion w.r.t. a key's motion."""
+        """Return the derivatives (W·n, 6, 6) of the frames' root motion w.r.t. one keyframe's root motion."""
         xp = array_namespace(self.weights)
         # Map a left rotation of the key to one of the frame: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))
@@ -87,14 +87,14 @@ class ApartRoot:
 
 @dataclass(frozen=True)
 class ScrewRoot:
-    """A curve of rotations and translations along screws (thesis 6.4)."""
+    """Root motion along screws, which couple rotation and translation (thesis 6.4)."""
 
     keys: Keyframes  # (W, k) keys.
     path: ScrewPath
 
     @classmethod
     def through(cls, keys: Keyframes, time: Array) -> ScrewRoot:
-        """Build the curve through (W, k) keys, evaluated at (W, n) times from 0 to 1."""
+        """Build the curve through (W, k) keyframes at (W, n) times from 0 to 1."""
         return cls(keys, ScrewPath.through(matrix_from_quat(keys.quat), keys.transl, time))
 
     @property
@@ -114,13 +114,13 @@ class ScrewRoot:
         return self.path.transl
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return the derivatives w.r.t. the keys, see ``ApartRoot``."""
+        """Return the derivatives w.r.t. the keyframes (see ``ApartRoot``)."""
         by_turns, by_places = self.path.vjp(by_turn, by_transl)
         by_quat = array_namespace(by_turn).matmul(4.0 * quat_left_tangent(self.keys.quat), by_turns[..., None])
         return by_quat[..., 0], by_places
 
     def jacobian(self, key: int) -> Array:
-        """Return the derivatives w.r.t. one key, see ``ApartRoot``."""
+        """Return the derivatives w.r.t. one keyframe (see ``ApartRoot``)."""
         return rows_of(self.path.by_keys[:, :, key])
 
 
@@ -129,7 +129,7 @@ RootCurve = ApartRoot | ScrewRoot  # The root in W·n frames, in row order, and 
 
 @dataclass(frozen=True)
 class SphericalMean:
-    """The normalised mean ``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x."""
+    """Normalised weighted mean of unit vectors x: ``v = m / |m|`` with ``m = Σ_k w_k x_k``."""
 
     value: Array  # (W, n, d) ``v``.
     length: Array  # (W, n, 1) ``|m|``.
@@ -137,27 +137,27 @@ class SphericalMean:
 
     @classmethod
     def of(cls, vectors: Array, weights: Array) -> SphericalMean:
-        """Return the means of (W, k, d) vectors with (W, n, k) weights."""
+        """Return the means of unit vectors (W, k, d) with weights (W, n, k)."""
         xp = array_namespace(vectors)
         mean = xp.matmul(weights, vectors)
         length = xp.sqrt(xp.sum(mean * mean, axis=-1, keepdims=True))
         return cls(mean / length, length, weights)
 
     def vjp(self, cotangent: Array) -> Array:
-        """Return the (W, n, k, d) derivatives w.r.t. each vector: ``w_k (I - v vᵀ) c / |m|``."""
+        """Return the derivatives (W, n, k, d) w.r.t. each vector, ``w_k (I - v vᵀ) c / |m|``, for a cotangent c."""
         xp = array_namespace(cotangent)
         across = cotangent - self.value * xp.sum(self.value * cotangent, axis=-1, keepdims=True)
         return self.weights[..., None] * (across / self.length)[..., None, :]
 
     def jacobian(self, key: int) -> Array:
-        """Return the (W, n, d, d) derivative w.r.t. one vector: ``w_k (I - v vᵀ) / |m|``."""
+        """Return the derivatives (W, n, d, d) of the means w.r.t. one vector: ``w_k (I - v vᵀ) / |m|``."""
         across = identity(self.value.shape[-1], self.value) - self.value[..., :, None] * self.value[..., None, :]
         return (self.weights[..., key, None] / self.length)[..., None] * across
 
 
 @dataclass(frozen=True)
 class KeyCotangents:
-    """Derivatives of a cost w.r.t. the keys of W windows."""
+    """Derivatives of a cost w.r.t. the keyframes of W windows."""
 
     z: Array | None  # (W, k, d), None if codes are constant.
     quat: Array  # (W, k, 4).
@@ -165,7 +165,7 @@ class KeyCotangents:
     residual: Array | None  # (W, k, 3 J), None if joints stay on the manifold.
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
-        """Return the (K, n) derivatives w.r.t. the keys' tangents, summed where keys are shared."""
+        """Return the derivatives (K, n) w.r.t. the keyframes' tangents, summed over windows that share a keyframe."""
         xp = array_namespace(self.quat)
         parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
         if self.z is not None:
@@ -178,7 +178,7 @@ class KeyCotangents:
 
 @dataclass(frozen=True)
 class KeyframeCurve:
-    """W·n frames in W windows as functions of their keys (thesis eqs. 6.9, 6.10)."""
+    """Poses of W·n frames in W windows as functions of the keyframes (thesis eqs. 6.9, 6.10)."""
 
     keys: Keyframes  # (W, k) keys.
     _codes: Callable[[], Interpolant]
@@ -197,10 +197,10 @@ class KeyframeCurve:
         quats: Callable[[Array, Array], Interpolant] = sider_weights,
         screw: bool = False,
     ) -> KeyframeCurve:
-        """Build the curve through the keys of W windows.
+        """Build the curve through the keyframes of W windows.
 
         Args:
-            keys: (W, k) keys. k is 3, or 2 for geodesics and straight lines, or larger for SIDER-n.
+            keys: (W, k) keyframes. k is 3, or 2 for geodesics and straight lines, or larger for SIDER-n.
             time: (W, n) positions in the window, from 0 to 1.
             residuals: apply the residual rotations.
             codes: interpolates (W, 1, k, d) codes at (W, n) times.
@@ -214,7 +214,7 @@ class KeyframeCurve:
 
     @classmethod
     def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
-        """Build the smooth spline of (W, 5) control points (see ``fives``).
+        """Build the smooth spline of control points (W, 5), as selected by ``Keyframes.fives``.
 
         ``shares`` (W, n, 5) are the weights of these points, see ``KeyframeLayout.spline_shares``.
         """
@@ -224,12 +224,12 @@ class KeyframeCurve:
 
     @cached_property
     def codes(self) -> Interpolant:
-        """Interpolated codes z (thesis eq. 6.9), computed on demand."""
+        """Interpolated latent codes (thesis eq. 6.9), computed on first use."""
         return self._codes()
 
     @property
     def residual(self) -> Array | None:
-        """(W·n, J, 3) rotations off the manifold, or None if joints stay on it."""
+        """(W·n, J, 3) rotations off the prior's manifold, or None if joints stay on it."""
         if not self.residuals:
             return None
         xp, vectors = array_namespace(self.weights), self.keys.residual
@@ -237,15 +237,15 @@ class KeyframeCurve:
         return xp.reshape(combined(self.weights, flat), (-1, *vectors.shape[2:]))
 
     def poses(self, prior: PosePrior) -> PosedFrames:
-        """Return the W·n poses."""
+        """Decode the poses of all W·n frames."""
         return self._placed(decoded(prior, rows_of(self.codes.value), self.residual))
 
     def poses_with_vjp(
         self, prior: PosePrior, decoded: Array | None = None
     ) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
-        """Return the W·n poses and their vector-Jacobian product.
+        """Return the W·n poses, and a function that maps derivatives w.r.t. them to derivatives w.r.t. the keyframes.
 
-        The product takes a cost's derivative w.r.t. the (W·n, p) pose tangents, and optionally w.r.t. the (W·n, d)
+        The function takes a cost's derivative w.r.t. the (W·n, p) pose tangents, and optionally w.r.t. the (W·n, d)
         codes. ``decoded`` are (W·n, J, 3, 3) rotations for fixed codes, which have no derivative.
         """
         if decoded is None:
@@ -269,7 +269,7 @@ class KeyframeCurve:
         return poses, vjp
 
     def jacobian(self, prior: PosePrior, layout: StateLayout) -> Array:
-        """Return the (W·n, p, k·D) derivatives of pose tangents w.r.t. the keys' tangents."""
+        """Return the derivatives (W·n, p, k·D) of pose tangents w.r.t. the keyframes' tangents."""
         xp, num_keys = array_namespace(self.weights), self.weights.shape[-1]
         by_code, by_residual = decoder_jacobian(prior, rows_of(self.codes.value), self.residual)
         codes, basis, weights = self.codes, CODES.tangent_basis(self.keys.z), rows_of(self.weights)
@@ -284,7 +284,7 @@ class KeyframeCurve:
 
 
 def turns_of(by_joints: Array, layout: StateLayout) -> Array:
-    """Select (K, n) derivatives w.r.t. a layout's rotation vectors from those w.r.t. all joints (K, 3 J)."""
+    """Select the derivatives (K, n) w.r.t. a layout's rotation vectors from derivatives w.r.t. all joints (K, 3 J)."""
     if layout.turned == tuple(range(by_joints.shape[1] // 3)):
         return by_joints
     columns = 3 * np.array(layout.turned, dtype=int)[:, None] + np.arange(3)
@@ -292,7 +292,7 @@ def turns_of(by_joints: Array, layout: StateLayout) -> Array:
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:
-    """Convert derivatives w.r.t. the keys' quaternions to (..., 3) derivatives w.r.t. their left rotations."""
+    """Convert derivatives w.r.t. the keyframes' quaternions to derivatives (..., 3) w.r.t. their left rotations."""
     xp = array_namespace(quat)
     return xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), by_quat[..., None])[..., 0]
 
@@ -322,7 +322,7 @@ def key_poses(
 
 
 def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyframes:
-    """Return the keys at (K,) frame numbers on the curves of single windows."""
+    """Return keyframes at other frame numbers (K,), on the curves of single windows."""
     xp, vectors, (window, time) = array_namespace(keys.z), keys.residual, layout.positions(times)
     curve = KeyframeCurve.through(keys.of_windows(window, layout.free), time[:, None], residuals=True)
     codes, quats = rows_of(curve.codes.value), rows_of(curve.root.quat)
@@ -332,7 +332,7 @@ def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyfr
 
 
 def summed_by_keys(values: Array) -> Array:
-    """Return (n W + 1, d) derivatives w.r.t. keys, summed where windows share a key."""
+    """Sum derivatives (W, k, d) w.r.t. the keyframes of each window to (n W + 1, d), where windows share keyframes."""
     count, free = values.shape[0], values.shape[1] - 1
     summed = zeros((free * count + 1, values.shape[-1]), values)
     for key in range(free + 1):

@@ -1,4 +1,4 @@
-"""Define the times of keyframes, and the frames in their windows (thesis 6.2.5)."""
+"""Define the frame numbers of keyframes, and the frames in their windows (thesis 6.2.5)."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KeyframeLayout:
-    """N windows over F frames. Window w has the keys from n w to n w + n and shares its end keys.
+    """Keyframes of N windows over F frames. Window w has the keyframes from n w to n w + n and shares its end ones.
 
-    The whole-take method has terms over keys and splines, which need n = 2.
+    Solves of a whole take use terms over keyframes and splines, which need n = 2.
     """
 
     bounds: np.ndarray  # (N + 1,) ascending frame numbers where windows meet, from the first frame to the last.
@@ -40,12 +40,12 @@ class KeyframeLayout:
 
     @property
     def num_keys(self) -> int:
-        """Number of keys, n N + 1."""
+        """Number of keyframes, n N + 1."""
         return self.free * self.num_windows + 1
 
     @property
     def key_times(self) -> np.ndarray:
-        """(n N + 1,) frame number of each key. Keys within a window may lie between two frames."""
+        """(n N + 1,) frame number of each keyframe. Keyframes inside a window may be between two frames."""
         times = np.empty(self.num_keys)
         times[:: self.free] = self.bounds
         for key in range(1, self.free):
@@ -59,15 +59,15 @@ class KeyframeLayout:
         return np.arange(self.bounds[0], self.bounds[-1] + 1)
 
     def positions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the window of each frame number, and the position within it from 0 to 1."""
+        """Return the window of each frame number, and the position within the window from 0 to 1."""
         window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 
     def spline_shares(self, window: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return the (..., 5) spline weights of the control points at positions within windows.
+        """Return the spline weights (..., 5) of the control points at positions within windows.
 
-        ``Σ_k B_k(t) c_k`` with cubic B-splines at the keys' times has continuous velocity and acceleration. An
-        additional point beyond each end is ``3 c_0 - 3 c_1 + c_2``, so that there are as many free points as keys.
+        ``Σ_k B_k(t) c_k`` with cubic B-splines at the keyframes' times has continuous velocity and acceleration. An
+        additional point beyond each end is ``3 c_0 - 3 c_1 + c_2``, so that there are as many free points as keyframes.
         Reference: de Boor 1972, "On calculating with B-splines".
         """
         late = (time >= 0.5).astype(int)
@@ -93,7 +93,7 @@ class KeyframeLayout:
         return shares
 
     def rows(self, stride: int = 1) -> WindowRows:
-        """Return every ``stride``-th frame of each window, with adjusted weights."""
+        """Return every ``stride``-th frame of each window. A frame's weight is the number of frames it represents."""
         first, last = self.bounds[:-1] + 1, self.bounds[1:]
         first[0] -= 1
         width = int((last - first).max()) // stride + 1
@@ -104,21 +104,21 @@ class KeyframeLayout:
         return WindowRows(frames, time, float(stride) * inside)
 
     def gaps(self, seen: np.ndarray) -> np.ndarray:
-        """Return a (2N,) mask of the intervals between keys that contain no ``seen`` frame."""
+        """Return a (2N,) mask of the intervals between keyframes that contain no ``seen`` frame."""
         before = np.concatenate([[0], np.cumsum(seen)])
         first, last = np.ceil(self.key_times[:-1]).astype(int), np.floor(self.key_times[1:]).astype(int)
         return before[last + 1] == before[first]
 
     def part(self, windows: slice) -> KeyframeLayout:
-        """Return the layout for a range of windows."""
+        """Return the layout of a range of windows."""
         return KeyframeLayout(self.bounds[windows.start : windows.stop + 1], self.free)
 
 
 def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
-    """Return the windows of a frame range and its neighbours, and a mask of free keys.
+    """Return the windows of a frame range and its neighbours, and a mask of keyframes that may move.
 
-    There are keys at the range's ends, at the pins, and evenly spaced between them. Keys at pins, at the ends and
-    outside are fixed, except at the ends of the take. ``window`` is the window length in frames.
+    There are keyframes at the range's ends, at the pins, and at equal distances between them. Keyframes at pins, at the
+    ends and outside are fixed, except at the ends of the take. ``window`` is the window length in frames.
     """
     stops = sorted({frame_range.first, frame_range.last, *(pin.frame for pin in frame_range.pins)})
     parts = [KeyframeLayout.even(b - a + 1, window, a).bounds for a, b in itertools.pairwise(stops)]
@@ -133,33 +133,33 @@ def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple
 
 @dataclass(frozen=True)
 class WindowRows(Rows):
-    """Frames by window: N rows of n frames. Shorter rows are padded with frames of weight 0."""
+    """Frames of N windows as rows of n frames. Shorter rows are padded with frames of weight 0."""
 
     frames: np.ndarray  # (N, n) frame numbers.
     time: np.ndarray  # (N, n) positions in the window, 0..1.
     weight: np.ndarray  # (N, n) number of frames that each frame represents, 0 in the padding.
 
     def blocks(self, num_frames: int) -> list[slice]:
-        """Return an even number of window ranges, each with up to ``num_frames`` frames."""
+        """Divide the windows into an even number of ranges, each with up to ``num_frames`` frames."""
         count, width = self.frames.shape
         pairs = -(-count * width // (2 * num_frames))
         bounds = np.round(np.linspace(0, count, min(2 * pairs, count) + 1)).astype(int)
         return [slice(a, b) for a, b in itertools.pairwise(bounds.tolist())]
 
     def columns(self, count: int) -> np.ndarray:
-        """Return about ``count`` columns spread over the rows."""
+        """Return about ``count`` columns at equal distances over the rows."""
         stride = max(1, int((self.weight > 0).sum(axis=1).min()) // count)
         return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
 
     def sampled(self, columns: np.ndarray) -> WindowRows:
-        """Return the frames in some columns, with weights that account for the others."""
+        """Select the frames in some columns. Their weights then also represent the other frames."""
         weight = self.weight[:, columns]
         weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
         return WindowRows(self.frames[:, columns], self.time[:, columns], weight)
 
 
 class Interpolant(Protocol):
-    """Points interpolated between keys, and their derivatives w.r.t. the keys."""
+    """Points interpolated between keyframes, and their derivatives w.r.t. the keyframes."""
 
     @property
     def value(self) -> Array:
@@ -167,18 +167,19 @@ class Interpolant(Protocol):
         ...
 
     def vjp(self, cotangent: Array) -> Array:
-        """Return (W, n, k, d) derivatives w.r.t. each key, given (W, n, d) derivatives w.r.t. the points."""
+        """Convert derivatives (W, n, d) w.r.t. the points to derivatives (W, n, k, d) w.r.t. each keyframe."""
         ...
 
     def jacobian(self, key: int) -> Array:
-        """Return the (W, n, d, d) derivative of the points w.r.t. one of the keys."""
+        """Return the derivatives (W, n, d, d) of the points w.r.t. one keyframe."""
         ...
 
 
 def lagrange(time: Array, num_keys: int = 3) -> Array:
-    """Return the (..., k) weights of equally spaced keys in their polynomial.
+    """Return the weights (..., k) of k equally spaced keyframes in the polynomial through them.
 
-    With three keys, the cubic in thesis eq. 6.10 is underdetermined. The parabola is its solution of least curvature.
+    With three keyframes, the cubic in thesis eq. 6.10 is underdetermined. The parabola is its solution of least
+    curvature.
     """
     xp = array_namespace(time)
     if num_keys == 2:
@@ -191,12 +192,12 @@ def lagrange(time: Array, num_keys: int = 3) -> Array:
 
 
 def rows_of(values: Array) -> Array:
-    """Reshape (W, n, ...) values to (W·n, ...), in the order of rows."""
+    """Reshape values by window and frame (W, n, ...) to values by frame (W·n, ...)."""
     return array_namespace(values).reshape(values, (-1, *values.shape[2:]))
 
 
 def combined(weights: Array, values: Array) -> Array:
-    """Return the (W·n, d) weighted sums ``Σ_k w_k x_k`` of the keys' values."""
+    """Return the weighted sums (W·n, d) of the keyframes' values: ``Σ_k w_k x_k``."""
     if weights.shape[1] > 1:
         return rows_of(array_namespace(values).matmul(weights, values))
     # Sum single frames key by key, so that the order in which a BLAS adds three numbers does not matter.
@@ -204,7 +205,7 @@ def combined(weights: Array, values: Array) -> Array:
 
 
 def shared(weights: Array, by_frames: Array) -> Array:
-    """Return the (W, k, d) derivatives w.r.t. keys, given those w.r.t. frames and the (W, n, k) weights."""
+    """Convert derivatives w.r.t. frames to derivatives (W, k, d) w.r.t. keyframes, given the weights (W, n, k)."""
     xp = array_namespace(by_frames)
     rows = xp.reshape(by_frames, (*weights.shape[:2], -1))
     return xp.matmul(xp.matrix_transpose(weights), rows)
@@ -215,11 +216,11 @@ _TOLERANCE = 1e-10  # Relative residual at which the iteration ends. Chosen by h
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
-    """Return the control points of the spline that is closest to the parabolas through the keys.
+    """Return the control points of the spline that is closest to the parabolas through the keyframes.
 
     The points are ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
-    ``KeyframeLayout.spline_shares``) and Lagrange weights w. Neighbouring keys are close to each other, so codes and
-    quaternions are treated as points in flat space. Points on the spline are normalised later.
+    ``KeyframeLayout.spline_shares``) and Lagrange weights w. Neighbouring keyframes are close to each other, so codes
+    and quaternions are treated as points in flat space. Points on the spline are normalised later.
     """
     given = [to_numpy(part) for part in (keys.z, keys.quat, keys.transl, keys.residual)]
     flat = np.concatenate([part.reshape(len(part), -1) for part in given], axis=1)
@@ -230,7 +231,7 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
 
 
 def spline_states(keys: np.ndarray, layout: KeyframeLayout) -> np.ndarray:
-    """Return the (F, d) values in all frames on the spline of (K, d) values in flat space."""
+    """Return the values (F, d) in all frames, on the spline of the keyframes' values (K, d) in flat space."""
     points, rows, shares = _spline(keys, layout)
     padded = np.pad(points, ((1, 1), (0, 0)))
     fives = np.stack([padded[i : len(padded) - 4 + i : 2] for i in range(5)], axis=1)
@@ -239,16 +240,15 @@ def spline_states(keys: np.ndarray, layout: KeyframeLayout) -> np.ndarray:
 
 
 def _spline(flat: np.ndarray, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows, np.ndarray]:
-    """Return (K, d) control points, and the windows' frames with the weights of these points."""
     rows = layout.rows()
     shares = layout.spline_shares(np.arange(layout.num_windows)[:, None] + 0 * rows.frames, rows.time)
     return _nearest(flat, rows, shares), rows, shares
 
 
 def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:
-    """Compute (K, d) control points by conjugate gradients (Hestenes and Stiefel 1952).
+    """Compute the control points (K, d) by conjugate gradients (Hestenes and Stiefel 1952).
 
-    If keys are denser than frames, undetermined directions keep the values of the keys.
+    If keyframes are denser than frames, undetermined directions keep the values of the keyframes.
     """
     weighted_T = np.swapaxes(shares * (rows.weight > 0)[..., None], 1, 2)
     normal = weighted_T @ shares

@@ -1,4 +1,4 @@
-"""Define the states of frames and keys, the subject, and the equations of one posed frame."""
+"""Define the states of frames and keyframes, the subject, and the normal equations of one posed frame."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def state_layout(prior: PosePrior) -> StateLayout:
 
 
 def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return the (F, 21, 3, 3) rotations ``exp(ρ_j) G_j(z)`` (thesis 6.2.2)."""
+    """Decode codes, and apply residual rotations ρ: ``exp(ρ_j) G_j(z)`` (F, 21, 3, 3) (thesis 6.2.2)."""
     local = prior.decode(z)
     return local if residual is None else array_namespace(z).matmul(exp_so3(residual), local)
 
@@ -43,9 +43,10 @@ def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
 def decoded_with_vjp(
     prior: PosePrior, z: Array, residual: Array | None = None
 ) -> tuple[Array, Callable[[Array], tuple[Array, Array | None]]]:
-    """Return ``decoded`` rotations and their vector-Jacobian product.
+    """Return ``decoded`` rotations, and a function that maps derivatives w.r.t. them to ones w.r.t. the inputs.
 
-    It maps (F, 21, 3) derivatives w.r.t. left tangents to those w.r.t. codes (F, d) and residuals (F, 21, 3) or None.
+    The function maps derivatives (F, 21, 3) w.r.t. left tangents to derivatives w.r.t. codes (F, d), and w.r.t.
+    residuals (F, 21, 3) or None.
     """
     xp = array_namespace(z)
     local, decoder_vjp = prior.decode_with_vjp(z)
@@ -61,23 +62,22 @@ def decoded_with_vjp(
 
 
 def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
-    """Return ``exp(ρ_j) R_j`` for fixed (F, J, 3, 3) rotations, and the product by ρ."""
+    """Return ``exp(ρ_j) R_j`` for fixed rotations R (F, J, 3, 3), and a function for the derivatives w.r.t. ρ."""
     bend = left_jacobian_so3(residual)
     turned = array_namespace(local).matmul(exp_so3(residual), local)
     return turned, lambda by_joints: (None, _transposed(bend, by_joints))
 
 
 def _transposed(matrices: Array, vectors: Array) -> Array:
-    """Return ``Mᵀ v`` for (..., 3, 3) matrices and (..., 3) vectors."""
     xp = array_namespace(matrices)
     return xp.matmul(xp.matrix_transpose(matrices), vectors[..., None])[..., 0]
 
 
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
-    """Return the Jacobians of joint rotations w.r.t. the code and w.r.t. the residuals.
+    """Return the Jacobians of the joint rotations w.r.t. the code z and w.r.t. the residuals ρ.
 
     ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. The derivative only affects steps, so single precision is
-    sufficient and halves the most expensive product in a solve.
+    sufficient and halves the time of the most expensive product in a solve.
     """
     xp = array_namespace(z)
     by_code = xp.astype(prior.decode_with_jacobian(xp.astype(z, xp.float32))[1], z.dtype)
@@ -88,7 +88,7 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return the (F, p, n) derivatives of pose tangents w.r.t. state tangents."""
+    """Return the derivatives (F, p, n) of pose tangents w.r.t. the tangents of states or keyframes."""
     if CODE not in layout:
         return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
@@ -103,7 +103,7 @@ def d_pose_d_state(
     weight: Array | None = None,
     by_residual: Array | None = None,
 ) -> Array:
-    """Return the (F, p, n) derivatives of pose tangents w.r.t. a weighted state's tangents.
+    """Return the derivatives (F, p, n) of pose tangents w.r.t. a weighted state's tangents.
 
     Args:
         by_code: (F, 3 J, c) derivatives of joints w.r.t. the code, or None if the code is fixed.
@@ -134,7 +134,7 @@ def d_pose_d_state(
 
 @dataclass(frozen=True)
 class Keyframes(Rows):
-    """K keyframes."""
+    """Unknowns of K keyframes."""
 
     z: Array  # (K, 32) unit zero-mean codes.
     quat: Array  # (K, 4) root rotations wxyz, neighbours in one hemisphere.
@@ -142,22 +142,22 @@ class Keyframes(Rows):
     residual: Array  # (K, 21, 3) rotations off the manifold, radians.
 
     def of_windows(self, windows: np.ndarray, free: int = 2) -> Keyframes:
-        """Return the (W, n + 1) keys of each given window, which has n free keys."""
+        """Select the keyframes (W, n + 1) of each given window, which has n free keyframes."""
         return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
 
     def fives(self, windows: np.ndarray) -> Keyframes:
-        """Return the (W, 5) keys of each window, including one more on both sides."""
+        """Select the keyframes (W, 5) of each window, including one more on both sides."""
         keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
         return self.select(index(keys, self.z))
 
     def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
-        """Replace a range of the keys by ``new``."""
+        """Replace a range of the keyframes by ``new``."""
         xp = array_namespace(self.z)
         pairs: Any = zip(self.arrays, new.arrays, strict=True)  # no field of keys is None
         return Keyframes(*(xp.concat([old[: keys.start], part, old[keys.stop :]]) for old, part in pairs))
 
     def retract(self, step: Array, layout: StateLayout) -> Keyframes:
-        """Return the keys after (K, n) steps in this layout's blocks."""
+        """Move the keyframes by (K, n) steps in this layout's blocks."""
         xp, z, residual = array_namespace(step), self.z, self.residual
         if CODE in layout:
             along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]
@@ -170,7 +170,7 @@ class Keyframes(Rows):
 
 
 def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
-    """Return the (K, J, 3) joint rotation vectors in (K, n) steps, zero for joints without a block."""
+    """Return the joint rotation vectors (K, J, 3) in steps (K, n), zero for joints without a block."""
     vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
     if layout.turned == tuple(range(num_joints)):
         return vectors
@@ -180,7 +180,7 @@ def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
 
 
 def hemisphere_aligned(keys: Keyframes) -> Keyframes:
-    """Return the keys with all root quaternions in one hemisphere."""
+    """Flip the signs of root quaternions, so that neighbouring keyframes are in one hemisphere."""
     xp = array_namespace(keys.quat)
     dots = xp.sum(keys.quat[1:] * keys.quat[:-1], axis=-1)
     signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
@@ -190,7 +190,7 @@ def hemisphere_aligned(keys: Keyframes) -> Keyframes:
 
 @dataclass(frozen=True)
 class FrameStates(Rows):
-    """Unknowns of F independent frames."""
+    """Unknowns of F frames that are solved independently."""
 
     z: Array  # (F, 32) unit zero-mean codes.
     root: Array  # (F, 3, 3) body to world.
@@ -198,7 +198,7 @@ class FrameStates(Rows):
     residual: Array | None = None  # (F, J, 3) rotations off the manifold in radians, None if joints stay on it.
 
     def retract(self, step: Array, layout: StateLayout) -> FrameStates:
-        """Return the states after (F, n) steps in this layout."""
+        """Move the states by (F, n) steps in this layout."""
         xp, residual = array_namespace(step), self.residual
         moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, layout[CODE], None])[..., 0]
         root = xp.matmul(exp_so3(step[:, layout[ROOT]]), self.root)
@@ -212,7 +212,7 @@ BLOCK_POSES = 500  # Number of frames posed at a time. Affects only time and mem
 
 @dataclass(frozen=True)
 class PosedFrames(Rows):
-    """Poses of F frames."""
+    """Poses of a body in F frames."""
 
     root: Array  # (F, 3, 3) body to world.
     local: Array  # (F, J, 3, 3) rotations of the J joints after the root.
@@ -220,18 +220,18 @@ class PosedFrames(Rows):
 
     @property
     def layout(self) -> PoseLayout:
-        """Layout of a frame's tangent."""
+        """Layout of the tangent of one frame's pose."""
         return PoseLayout(self.local.shape[1])
 
     @classmethod
     def of_motion(cls, motion: Motion, like: Array) -> PosedFrames:
-        """Return a motion's poses for the joints that a solve rotates."""
+        """Return a motion's poses, for the joints that a solve rotates."""
         vectors = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : motion.body_layout.num_solved]
         root, local = (exp_so3(constant(part, like)) for part in (motion.global_orient, vectors))
         return cls(root, local, constant(motion.transl, like))
 
     def retract(self, step: Array) -> PosedFrames:
-        """Return the poses after (F, p) steps, ``exp([δ]x) R`` and ``t + δ`` (see ``PoseLayout``)."""
+        """Move the poses by (F, p) steps: ``exp([δ]x) R`` and ``t + δ`` (see ``PoseLayout``)."""
         xp, layout = array_namespace(step), self.layout
         turns = exp_so3(xp.reshape(step[:, layout.rotations], (step.shape[0], -1, 3)))
         root, local = xp.matmul(turns[:, 0], self.root), xp.matmul(turns[:, 1:], self.local)
@@ -240,13 +240,13 @@ class PosedFrames(Rows):
 
 @dataclass(frozen=True)
 class SkinTerms:
-    """Terms on S skin points, which have no measurements."""
+    """Terms on S points of the skin, for which there are no measurements."""
 
     landmarks: Landmarks  # The person's L landmarks, followed by the S points.
     points: tuple[PointTerm, ...]  # On the S points.
 
     def worn_by(self, subject: Subject) -> Subject:
-        """Return the subject with both its landmarks and the skin points."""
+        """Return the subject with its own landmarks, followed by the skin points."""
         more = zeros((len(self.landmarks) - len(subject.landmarks), 3), subject.offsets)
         offsets = array_namespace(more).concat([subject.offsets, more])
         return replace(subject, landmarks=self.landmarks, offsets=offsets)
@@ -254,7 +254,7 @@ class SkinTerms:
 
 @dataclass(frozen=True)
 class FrameObjective:
-    """The objective's terms on F frames."""
+    """Terms of the objective on F frames."""
 
     points: tuple[PointTerm, ...]  # On landmark positions. At least one.
     poses: tuple[PoseTerm, ...] = ()  # On the joints' rotations.
@@ -266,11 +266,11 @@ class FrameObjective:
         return FrameObjective(self.points + other.points, self.poses + other.poses, relative, self.skin or other.skin)
 
     def select(self, frames: Any) -> FrameObjective:
-        """Return the terms for the frames at these indices or in this slice."""
+        """Return the terms for frames that are selected by indices or a slice."""
         return self._each(lambda term: term.select(frames))
 
     def astype(self, precision: Any) -> FrameObjective:
-        """Convert the terms to the given floating-point precision."""
+        """Convert the terms to a floating-point precision."""
         return self._each(lambda term: term.astype(precision))
 
     def _each(self, change: Callable[[Any], Any]) -> FrameObjective:
@@ -279,13 +279,13 @@ class FrameObjective:
         return FrameObjective(points, poses, relative, skin)
 
     def of_points(self, points: Array, scale: float) -> PointEvidence:
-        """Return the sum of the point terms at (F, L, 3) positions in metres."""
+        """Add the evidence of all point terms at (F, L, 3) positions in metres."""
         return reduce(add, [term(points, scale) for term in self.points])
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A person, with all quantities that are constant over the take."""
+    """A person's body model and all quantities that are constant over a take."""
 
     body: Body
     landmarks: Landmarks
@@ -294,17 +294,17 @@ class Subject:
 
     @classmethod
     def average(cls, body: Body, landmarks: Landmarks, like: Array) -> Subject:
-        """Return the average person without landmark bias, in arrays like ``like``."""
+        """Return the average person without landmark bias. Arrays are of the same kind as ``like``."""
         return cls(body, landmarks, constant(np.zeros(10), like), constant(np.zeros((len(landmarks), 3)), like))
 
     def astype(self, precision: Any) -> Subject:
-        """Convert the person to the given floating-point precision."""
+        """Convert the person's arrays to a floating-point precision."""
         return replace(self, betas=astype(self.betas, precision), offsets=astype(self.offsets, precision))
 
 
 @dataclass(frozen=True)
 class FrameEquations:
-    """Gauss-Newton model of each frame's objective around its pose."""
+    """Cost and Gauss-Newton model of each frame's objective around its pose."""
 
     cost: Array  # (F,).
     gradient: Array  # (F, p).
@@ -312,7 +312,7 @@ class FrameEquations:
 
     @cached_property
     def hessian(self) -> Array:
-        """(F, p, p) matrices, only for the chosen frames if some were chosen. They are formed on demand."""
+        """(F, p, p) Hessians, computed on first use, for all frames or only the chosen ones."""
         return self._form()
 
 
@@ -323,7 +323,7 @@ def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False, by_sh
 
 
 def points_of(subject: Subject, frames: PosedFrames) -> Array:
-    """Return the subject's (F, L, 3) landmarks in metres, computed in blocks of frames."""
+    """Return the subject's landmarks (F, L, 3) in metres, computed in blocks of frames."""
     blocks = [slice(start, start + BLOCK_POSES) for start in range(0, frames.transl.shape[0], BLOCK_POSES)]
     parts = map_blocks(lambda block: pose(subject, frames.select(block)).points, blocks, frames.transl)
     return array_namespace(frames.transl).concat(parts)
@@ -336,14 +336,12 @@ def frame_equations(
     scale: float,
     hessian_frames: np.ndarray | slice | None = None,
 ) -> FrameEquations:
-    """Return the gradient and Hessian of each frame's objective w.r.t. its pose's tangent.
-
-    They are ``g = Jᵀ e`` and ``H = Jᵀ Λ J``.
+    """Return the gradient ``g = Jᵀ e`` and Hessian ``H = Jᵀ Λ J`` of each frame's objective w.r.t. its pose tangent.
 
     Args:
         objective: terms on these frames.
         hessian_frames: frames whose Hessians are formed, in single precision because they only affect steps. None forms
-            all Hessians in the poses' precision.
+          all Hessians in the poses' precision.
     """
     skin = objective.skin
     posed = pose(subject if skin is None else skin.worn_by(subject), frames, jacobian=True, by_shape=False)
@@ -375,7 +373,6 @@ def frame_equations(
 def _hessian(
     terms: tuple[PoseTerm, ...], shifted: int, by_rotations: Array, information: Array, *factors: Array
 ) -> Array:
-    """Return the (F, p, p) Gauss-Newton matrices of point and pose terms."""
     xp = array_namespace(by_rotations)
     count, num_landmarks, _, rotations = by_rotations.shape
     weighted = xp.matmul(information, by_rotations)

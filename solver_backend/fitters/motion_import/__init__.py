@@ -1,1 +1,1 @@
-"""Transfer motions from other skeletons to the product's body."""
+"""Transfer motions from other skeletons to our body."""

@@ -1,4 +1,4 @@
-"""Transfer the motion of another skeleton to the product's body."""
+"""Transfer the motion of another skeleton to our body."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
 
 @dataclass(frozen=True)
 class Measured:
-    """The body's joints as measured by a skeleton, in world metres."""
+    """Joints of our body as another skeleton measures them, in world metres."""
 
     places: np.ndarray  # (F, NUM_JOINTS, 3), NaN where the skeleton has no such joint.
     turns: np.ndarray  # (F, 22, 3, 3) rotations from our body's rest axes to the world.
@@ -38,11 +38,11 @@ class Measured:
 
 
 def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray) -> Measured:
-    """Return the positions and rotations of the body's joints as measured by a skeleton.
+    """Measure the positions and rotations of our body's joints on another skeleton.
 
-    Let G be a joint's rotation relative to the skeleton's rest pose, and A the rotation from its bone at rest to the
-    body's bone. R_s and R_b map the rest axes of skeleton and body to the stage. The body's rotation is ``G R_s^T A^T
-    R_b``, so that its bones point in the same directions.
+    Let G be a joint's rotation relative to the skeleton's rest pose, and A the rotation from its bone at rest to our
+    body's bone. R_s and R_b map the rest axes of skeleton and body to the stage. The body's rotation is
+    ``G R_s^T A^T R_b``, so that its bones point in the same directions.
 
     Args:
         roles: maps each role to a joint of the skeleton.
@@ -66,7 +66,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
 
 
 def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dict[str, np.ndarray]:
-    """Return each role's rotation from the skeleton's bone to the body's bone, at rest in stage axes."""
+    """Return the rotation of each role from the skeleton's bone to our bone, at rest in stage axes."""
     aligned: dict[str, np.ndarray] = {}
     for limb, roles in LIMBS.items():
         if not set(roles[:2]) <= index.keys():
@@ -95,7 +95,7 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
 
 
 def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return the (F, 22, 3, 3) rotations of the skeleton, interpolated where missing."""
+    """Return the rotations (F, 22, 3, 3) of our joints. They are interpolated along spine and neck where missing."""
     turns = np.empty((frames, NUM_TURNED, 3, 3))
     turns[:, 0] = G["pelvis"]
     spine = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "spine")]
@@ -126,7 +126,7 @@ def _along(line: list[np.ndarray], share: float) -> np.ndarray:
 
 
 _PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-"""Limb joints whose positions are fitted. Programs place head and toes differently, so only their rotations count."""
+"""Limb joints that the fit positions. Programs place head and toes differently, so only their rotations count."""
 _PLACE_SIGMA_M = 0.004  # Deviation of a limb joint from the skeleton's, in metres.
 _TURN_SIGMA = np.full(NUM_TURNED, 0.12)
 """Standard deviation of rotations in radians: less for the tilted pelvis, more for differently placed collars."""
@@ -141,7 +141,7 @@ _MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints
 
 
 def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """Fit global rotations (F, 22, 3, 3) and joints (F, 24, 3) by Levenberg-Marquardt.
+    """Fit global rotations (F, 22, 3, 3) and joints (F, 24, 3) to a measured skeleton by Levenberg-Marquardt.
 
     A world rotation δ of a joint moves the positions below it by ``Σ δ_i × (p_k - p_i)``, and rotations by ``Σ δ_i``.
     Both are linear in δ and the root's position. ``rest`` (24, 3) are the shaped body's rest joints in metres.
@@ -195,7 +195,7 @@ def _residuals(
 
 
 def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return the (F, 24) deviations of joints in metres, as root mean square over the axes.
+    """Return the deviations (F, 24) of fitted joints in metres, as root mean square over the axes.
 
     ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3``, with the normal equations H of the fit and the derivatives J of a
     joint. The first term is the uncertainty of the fit, and the second the distance from the skeleton's joint.
@@ -219,7 +219,6 @@ def _known(places: np.ndarray) -> np.ndarray:
 
 
 def _prior() -> np.ndarray:
-    """Return the (69, 69) normal equations of the rotations alone."""
     above = _ABOVE[:NUM_TURNED] / _TURN_SIGMA[:, None]
     prior = np.zeros((3 * NUM_TURNED + 3, 3 * NUM_TURNED + 3))
     prior[: 3 * NUM_TURNED, : 3 * NUM_TURNED] = np.kron(above.T @ above, np.eye(3))
@@ -227,7 +226,7 @@ def _prior() -> np.ndarray:
 
 
 def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """Return the (F, 24, 3) joints for global rotations (F, 22, 3, 3) and root positions (F, 3)."""
+    """Return the joint positions (F, 24, 3) for global rotations (F, 22, 3, 3) and root positions (F, 3)."""
     joints = np.empty((len(G), NUM_JOINTS, 3))
     joints[:, 0] = root
     for j in range(1, NUM_JOINTS):
@@ -237,7 +236,7 @@ def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def _slopes(joints: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return the (F, 3 K, 69) derivatives of the K known positions w.r.t. each joint's rotation and w.r.t. the root."""
+    """Return the derivatives (F, 3 K, 69) of K joint positions w.r.t. each joint's rotation and w.r.t. the root."""
     v: np.ndarray = (joints[:, known, None] - joints[:, None, :NUM_TURNED]) * _MOVED[known][..., None]
     J = np.zeros((len(joints), len(known), 3, NUM_TURNED + 1, 3))
     for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -266,17 +265,16 @@ _PAIRS = (
 _STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) for end in (0, 1))  # (12, 2) joints.
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
 """Standard deviation of lengths in metres: small for widths and trunk so that collars do not fold, and large for heads,
-which differ.
-"""
+which differ."""
 _SHAPE_ROUNDS = 4
 _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
 """Weight factor, largest error in metres and largest shape coefficient that identify a skeleton made from this body."""
 
 
 def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
-    """Estimate the (10,) shape whose lengths are closest: ``min Σ (l(β) - l)² / σ² + |β|²``.
+    """Estimate the body shape (10,) from a skeleton's lengths l: ``min Σ (l(β) - l)² / σ² + |β|²``.
 
-    ``rest`` are a skeleton's (24, 3) joints at rest in metres, NaN where missing.
+    ``rest`` are the skeleton's joints (24, 3) at rest in metres, NaN where missing.
     """
     wanted = _lengths(rest)
     known = np.isfinite(wanted)
@@ -298,7 +296,7 @@ def _nearest(body: Body, wanted: np.ndarray, known: np.ndarray, certainty: float
 def _length_equations(
     body: Body, betas: np.ndarray, wanted: np.ndarray, known: np.ndarray, certainty: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (10, 10) normal equations of lengths and shape prior, and their right-hand side (10,)."""
+    """Return the normal equations (10, 10) of lengths and shape prior, and their right-hand side (10,)."""
     weight, ways = certainty / _SIGMA_M[known], _ways(body.rest_joints(betas))
     lengths = np.linalg.norm(ways, axis=1)
     J = np.einsum("pa,pab->pb", ways / lengths[:, None], _ways(body.joints_shapedirs))[known] * weight[:, None]
@@ -309,7 +307,7 @@ _SHAPE_FRAMES, _SHAPE_FITS = 64, 3  # Number of frames used to refine a shape, a
 
 
 def shape_from_places(body: Body, measured: Measured) -> np.ndarray:
-    """Estimate the (10,) shape from the lengths at rest and the joints in some frames.
+    """Estimate the body shape (10,) from a skeleton's lengths at rest and its joints in some frames.
 
     Lengths do not determine the positions of hips and shoulders in the trunk. Poses and shape are fitted alternately.
     For fixed poses, the joints are linear in the shape, and the root is eliminated. A step minimises the mean over the
@@ -339,7 +337,7 @@ def _lengths(joints: np.ndarray) -> np.ndarray:
 
 
 def _ways(joints: np.ndarray) -> np.ndarray:
-    """Return the (12, ...) vectors of the fitted lengths, between midpoints of joints."""
+    """Return the (12, ...) vectors whose lengths are fitted, between midpoints of joints."""
     return np.asarray(joints[_ENDS].mean(axis=1) - joints[_STARTS].mean(axis=1))
 
 
@@ -359,7 +357,7 @@ def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
 
 
 def standing_feet(body: Body, betas: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return an (F, 2) mask of frames in which the ball of a foot is low and slow."""
+    """Return an (F, 2) mask of frames in which the ball of the left or right foot is low and slow."""
     balls = joints[:, [foot[1] for foot in _FEET]]
     heights = _rest_heights(body, betas)[[foot[1] for foot in _FEET]]
     if len(balls) < 2:
@@ -378,7 +376,7 @@ _ARMS = tuple(zip(*map(SMPL.both, ("elbow", "wrist", "hand")), strict=True))  # 
 
 @dataclass(frozen=True)
 class ImportedMotion:
-    """A motion on the product's body, and its distance from the source."""
+    """Motion transferred to our body, and its distance from the source skeleton."""
 
     motion: Motion
     distances_mm: dict[str, float]  # Root mean square distance of each joint from the skeleton's, by role.
@@ -388,7 +386,7 @@ class ImportedMotion:
 def import_motion(
     source: SkeletonMotion, roles: dict[str, str], body: Body, *, keep_height: bool = False
 ) -> ImportedMotion:
-    """Transfer a skeleton's motion to a body whose shape fits its bones.
+    """Transfer a skeleton's motion to our body, with a shape that fits the skeleton's bones.
 
     Args:
         roles: maps each role to a joint of the skeleton.
@@ -429,7 +427,6 @@ def import_motion(
 
 
 def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles: dict[str, str]) -> Motion:
-    """Add the skeleton's fingers to a motion if they move and the body has finger joints."""
     moving = [side for side in range(len(SIDES)) if fingers_move(source, roles, side)]
     try:
         fingered = with_fingers(body)
@@ -450,7 +447,7 @@ def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles:
 
 
 def _resting(places: np.ndarray) -> np.ndarray | None:
-    """Return an (F, 24) mask of joints without information, or None."""
+    """Return an (F, 24) mask of arm joints that the skeleton does not have, or None if it has all of them."""
     unknown = np.isnan(places[0, :, 0])
     resting = np.zeros(places.shape[:2], dtype=bool)
     for elbow, wrist, hand in _ARMS:

@@ -1,4 +1,4 @@
-"""Add glove recordings to a body's motion, synchronised by the wrists."""
+"""Add glove recordings to a body's motion. The wrists synchronise the two recordings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ STILL_RAD_S = 0.15  # RMS angular speed below which a wrist is too still to be s
 
 @dataclass(frozen=True)
 class WristClock:
-    """Offset between two recordings of the same wrists."""
+    """Time offset between two recordings of the same wrists, and how reliable it is."""
 
     offset_s: float  # Start of the other recording, in seconds of the first one.
     agreement: float  # Correlation of the speeds at this offset.
@@ -39,13 +39,13 @@ class WristClock:
 
     @property
     def is_sure(self) -> bool:
-        """Return whether the offset is reliable."""
+        """True if the offset is reliable."""
         clear = self.agreement > self.next_best + _CLEARLY
         return clear and self.agreement >= _AGREE and self.certainty >= _CERTAIN
 
 
 def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-    """Return angular speeds in rad/s at ``RATE`` samples per second, NaN if unknown.
+    """Return the angular speeds of a wrist in rad/s at ``RATE`` samples per second, NaN if unknown.
 
     ``rotations`` are (F, 3, 3) in any world and axes, and ``times`` (F,) are ascending, in seconds.
     """
@@ -61,7 +61,7 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 
 
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
-    """Estimate when the other recording starts on the first one's clock, or return None.
+    """Estimate the start of the other recording on the first one's clock, or return None if the wrists are too still.
 
     The offset maximises the correlation of all wrists' speeds over the overlap, with a parabola between samples. Speeds
     are (n,) and (m,) for the same wrists at ``RATE`` samples per second.
@@ -85,7 +85,7 @@ def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClo
 
 
 def _independent(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the number of independent samples in two series: ``n / Σ_k ρ_a(k) ρ_b(k)``."""
+    """Return the number of independent samples in two correlated series: ``n / Σ_k ρ_a(k) ρ_b(k)``."""
     n = len(a)
     size = 1 << int(np.ceil(np.log2(2 * n)))
     power = [np.abs(np.fft.rfft(x - x.mean(), size)) ** 2 for x in (a, b)]
@@ -98,7 +98,7 @@ def _moves(speeds: np.ndarray) -> bool:
 
 
 def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
-    """Return the correlation over the overlap for every offset of b in a.
+    """Return the correlation of a and b over their overlap, for every offset of b in a.
 
     Sums over the overlap come from cumulative sums, and products from a convolution by the Fourier transform.
     """
@@ -121,7 +121,7 @@ def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
 
 
 def _vertex(scores: np.ndarray, best: int) -> float:
-    """Return the vertex, in samples, of the parabola through the highest score and its neighbours."""
+    """Return the offset, in samples, of the vertex of the parabola through the highest score and its neighbours."""
     if not 0 < best < len(scores) - 1:
         return 0.0
     before, here, after = scores[best - 1 : best + 2]
@@ -131,8 +131,7 @@ def _vertex(scores: np.ndarray, best: int) -> float:
 
 _AGREE, _CLEARLY, _CERTAIN = 0.6, 0.1, 5.0
 """Thresholds for a reliable offset: correlation of speeds, lead over other offsets, and significance in standard
-deviations.
-"""
+deviations."""
 _BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05  # Degrees beyond human ranges and share of frames that are reported.
 
 
@@ -198,7 +197,7 @@ def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
 
 
 def _offset(motion: Motion, gloves: GloveTake) -> tuple[float, list[Diagnostic]]:
-    """Estimate the start of the gloves' recording in seconds (0 if unknown). Also return diagnostics."""
+    """Estimate the start of the gloves' recording in seconds (0 if unknown), and return it with diagnostics."""
     theirs = [wrist_speeds(gloves.palms[:, side], gloves.times) for side in range(2)]
     own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion)]
     clock = find_wrist_clock(own, theirs)

@@ -1,4 +1,4 @@
-"""Convert a network's result to a motion of the product's body."""
+"""Convert the result of a pose-estimation network to a motion of our body."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def network_motion(
 
 
 def without_gaps(result: NetworkResult) -> NetworkResult:
-    """Return the result from its first to its last frame, with interpolated gaps."""
+    """Interpolate the missing frames between a result's first and last frame."""
     frames = np.arange(result.frames[0], result.frames[-1] + 1)
     after = np.clip(np.searchsorted(result.frames, frames), 0, len(result.frames) - 1)
     before = np.maximum(after - (result.frames[after] > frames), 0)
@@ -134,7 +134,7 @@ def _of_rotations(result: NetworkResult, body: Body, fps: float) -> Motion:
 
 
 def metric_scale(points: np.ndarray, names: tuple[str, ...], body: Body) -> float:
-    """Return the factor that scales (F, K, 3) points to the body's leg length."""
+    """Return the factor that scales a network's points (F, K, 3) to the body's leg length."""
     rest, joints = body.rest_joints(np.zeros(body.shapedirs.shape[-1])), body.layout.joints
     theirs, ours = 0.0, 0.0
     for side in SIDES:
@@ -160,7 +160,6 @@ def _of_points(result: NetworkResult, body: Body, fps: float, settings: SolveSet
 
 
 def _with_points_of_hands(motion: Motion, body: Body, hands: np.ndarray) -> Motion:
-    """Add fingers to a motion from (F, 2, 21, 3) points, if the body has finger joints."""
     try:
         fingered = with_fingers(body)
     except BodyInvalid:

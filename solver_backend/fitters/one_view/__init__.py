@@ -1,1 +1,1 @@
-"""Solve from one camera, and state which quantities remain uncertain."""
+"""Solve from one camera, and report which quantities remain uncertain."""

@@ -1,4 +1,4 @@
-"""Estimate the depth uncertainty of a one-camera solve."""
+"""Repair the detections of a single camera, and estimate the depth uncertainty of its solve."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _LEAST_EXTENT_PX = 1.0  # Smallest extent of a person in pixels.
 
 
 def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Interpolate repeated frames in one view's detections, and report them."""
+    """Interpolate repeated video frames in one view's detections, and report them."""
     again = repeated_frames(keypoints)
     share = 100.0 * float(again.mean())
     if share < LEAST_REPEATED:
@@ -53,13 +53,13 @@ def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, li
 
 
 def diagnose_cuts(camera: str, keypoints: Keypoints2D) -> list[Diagnostic]:
-    """Return a diagnostic about the cuts in one view."""
+    """Return a warning about cuts in one view's video."""
     last = cuts(keypoints.xy[0], keypoints.confidence[0] > 0, keypoints.fps)
     return [diagnostic("picture_cuts", cameras=[camera], frames=[(f, f + 1) for f in last])] if len(last) else []
 
 
 def cuts(xy: np.ndarray, seen: np.ndarray, fps: float) -> np.ndarray:
-    """Return the last frame before each cut.
+    """Return the last frame before each cut of the video.
 
     Args:
         xy: (F, K, 2) keypoints in pixels.
@@ -81,7 +81,7 @@ def cuts(xy: np.ndarray, seen: np.ndarray, fps: float) -> np.ndarray:
 
 
 def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Return the frame ranges in which a person moves across the floor without stepping.
+    """Return the frame ranges in which a person moves over the floor without stepping.
 
     Args:
         root: (F, 3) position of the root in world metres, Z up.
@@ -97,7 +97,7 @@ def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> 
 
 
 def _speed(points: np.ndarray, fps: float) -> np.ndarray:
-    """Return the velocity of (F, ...) points per second, averaged over ``SMOOTH_S``."""
+    """Return the velocities of points (F, ...) per second, averaged over ``SMOOTH_S``."""
     half = max(1, round(0.5 * SMOOTH_S * fps))
     index = np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
@@ -112,7 +112,8 @@ LIMBS = {
 LEAST_PAIRS = 2  # Keypoint pairs that must jump at once. A single pair may be an outlier, and can only end a swap.
 CROSSED_SHARE = 0.5  # A swap must leave less than this share of the jump.
 JUMP_SHARE = 0.1
-"""Smallest gain from a swap per keypoint, relative to the person's extent: mean over a limb, and of a single pair."""
+"""Smallest gain from a swap per keypoint, relative to the person's extent: for the mean over a limb, and for a single
+pair."""
 LONGEST_S = 1.5  # Longest swap in seconds. In longer ranges, the correct side is unknown.
 SEEN_BEFORE_S = 0.2  # A keypoint's last position is used for this number of seconds.
 
@@ -146,7 +147,7 @@ def restore_sides(
 
 
 def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
-    """Return the (F,) number of a limb's left and right pairs that swap in each frame.
+    """Return the number (F,) of a limb's left and right pairs that swap in each frame.
 
     A step ``x_t - x_{t-1}`` is predicted by the mean of the steps before and after it. The errors on a keypoint's own
     track and on its counterpart's track are compared. Limbs that pass each other continue their motion.
@@ -179,7 +180,7 @@ def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]
 
 
 def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray, list[int]]:
-    """Return an (F,) mask of the swapped ranges between jumps, and the other jumps.
+    """Return an (F,) mask of the swapped ranges between pairs of jumps, and the remaining jumps.
 
     Without a second jump within ``longest`` frames, the correct side is unknown. A single jump of fewer than
     ``LEAST_PAIRS`` pairs also ends a swap.
@@ -202,27 +203,27 @@ def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray,
 
 
 def _last_seen(both: np.ndarray, reach: int) -> np.ndarray:
-    """Return the (F, P) last earlier frame that shows each pair, or -1 if it is too long ago."""
+    """Return the last earlier frame (F, P) that shows each pair, or -1 if it is more than ``reach`` frames ago."""
     frame = np.where(both, np.arange(len(both))[:, None], -1)
     before = np.vstack([np.full((1, both.shape[1]), -1), np.maximum.accumulate(frame, axis=0)[:-1]])
     return np.where(np.arange(len(both))[:, None] - before <= reach, before, -1)
 
 
 def _step_before(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the (n, 2, 2) step into each frame in pixels, or 0 if unknown."""
+    """Return the steps (n, 2, 2) from the previous frame into each frame in pixels, or 0 if unknown."""
     known = (frames > 0) & both[np.maximum(frames - 1, 0)]
     return np.where(known[:, None, None], track[frames] - track[np.maximum(frames - 1, 0)], 0.0)
 
 
 def _step_after(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the (n, 2, 2) step out of each frame in pixels, or 0 if unknown."""
+    """Return the steps (n, 2, 2) from each frame to the next one in pixels, or 0 if unknown."""
     after = np.minimum(frames + 1, len(track) - 1)
     known = (after > frames) & both[after]
     return np.where(known[:, None, None], track[after] - track[frames], 0.0)
 
 
 def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the (F,) RMS distance of keypoints from their mean in px."""
+    """Return the person's extent in px (F,): the RMS distance of keypoints from their mean."""
     weight = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)
     known = np.where(seen[..., None], xy, 0.0)
     middle = np.einsum("fk,fkc->fc", weight, known)
@@ -248,12 +249,12 @@ SHORTEST_S = 0.2  # Frame ranges shorter than this number of seconds are not rep
 STANDS_SHARE = 0.02  # If a smaller share of feet is planted, the floor is undetermined. A walker has half.
 LIMB_ENDS = {f"{side}_{end}": f"{side} {part}" for end, part in (("wrist", "arm"), ("ankle", "leg")) for side in SIDES}
 LIMB_ENDS["head"] = "head"
-"""Limb of each end joint."""
+"""Limb that each joint is the end of."""
 
 
 @dataclass(frozen=True)
 class OneView:
-    """The uncertainty of a solve from a single camera."""
+    """Uncertainty of a solve from a single camera."""
 
     camera: str
     centre: np.ndarray  # (F, 3) camera positions in metres.
@@ -271,7 +272,7 @@ class OneView:
 
 @dataclass(frozen=True)
 class OneCamera(PointSource):
-    """Keypoints from one camera, with the lifted pose."""
+    """Source of a solve's points: keypoints from one camera, and the pose lifted from them."""
 
     views: ViewPoints  # Detections by all cameras. Only one of them has any.
     open: OneView
@@ -285,7 +286,7 @@ class OneCamera(PointSource):
 
     @property
     def recipe(self) -> str:
-        """Name of the recipe, see ``PointSource``."""
+        """Name of the solve's recipe (see ``PointSource``)."""
         return "one camera"
 
     @property
@@ -294,11 +295,11 @@ class OneCamera(PointSource):
         return self.open.sight
 
     def terms(self) -> FrameObjective:
-        """Return the terms for the floor and the lifted pose."""
+        """Return the terms for the floor and for the lifted pose."""
         return FrameObjective(self.floor, relative=(self.lifted,))
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with the person's size from the solved poses, if feet on a calibrated floor show it.
+        """Estimate the person's size from the solved poses, if feet on a calibrated floor show it.
 
         Detections and planted feet correct lifted poses, for example legs that are bent too little.
         """
@@ -312,7 +313,7 @@ class OneCamera(PointSource):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Smooth the depth, ground the feet, and put parts without evidence at rest."""
+        """Smooth the depth, put planted feet on the floor, and put parts without evidence at rest."""
         solved = steady_depth(solved, self.open, problem.fps)
         if self.heights is not None:
             solved = stand_on_floor(solved, self.sight, problem.fps)
@@ -321,24 +322,24 @@ class OneCamera(PointSource):
         return self.views.after(problem, replace(solved, diagnostics=(*solved.diagnostics, *found)), settings, progress)
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Record the keypoints in the motion."""
+        """Store the keypoints of the solved body in the motion."""
         return self.views.record(motion, posed)
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-        """Return reprojection errors and statistics, see ``PointSource``."""
+        """Return reprojection errors and statistics (see ``PointSource``)."""
         return self.views.report(points)
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the (J,) standard deviations of constant errors in metres, see ``PointSource``."""
+        """Return the standard deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
         return self.views.constant_m(layout)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Return the data term unchanged, because one camera does not reveal depth errors."""
+        """Return the data term unchanged, because one camera does not show depth errors."""
         return bundle.data
 
 
 def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:
-    """Add a single camera's uncertainty: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``.
+    """Add the depth uncertainty of a single camera to the covariances: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``.
 
     a is ``ACROSS_M``, k is ``ALIKE``, l the lifter's deviation, d the line of sight, z the depth and p the vector from
     the camera to the joint. A person scaled by s at a distance scaled by s has the same image, and a focal length with
@@ -369,7 +370,7 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
 
 
 def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> list[Diagnostic]:
-    """Return diagnostics about a single camera and about limbs with uncertain depth."""
+    """Return warnings about a single camera and about limbs with uncertain depth."""
     joints = problem.body.layout.recorded.joints
     columns = [joints.index(name) for name in LIMB_ENDS if name in joints]
     usual = 100.0 * float(np.median(one.sight_sigma_m[:, columns]))

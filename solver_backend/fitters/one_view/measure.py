@@ -1,4 +1,4 @@
-"""Measure a person with one camera: detections, and a pose lifted from them."""
+"""Measure a person with one camera: detections, and the pose lifted from them."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ AT_ODDS_SIGMAS = 3.0  # Number of deviations at which the floor contradicts a gi
 
 @dataclass(frozen=True)
 class Size:
-    """Shape and size of a person visible in one camera."""
+    """Body shape and size of a person whom one camera shows."""
 
     betas: np.ndarray  # (10,)
     sigma: float  # Relative standard deviation of the size if the pose is exact.
     source: str  # Where the size comes from, as text for users.
     has_floor: bool = True  # Whether the person's feet are on the world's floor.
     at_odds: tuple[float, float] = (0.0, 0.0)
-    """Stature given by the floor and its deviation in metres, if they contradict the size in use. Otherwise zeros."""
+    """Stature from the floor and its deviation in metres, if they contradict the size in use. Otherwise zeros."""
     pose_sigma: float = POSE_SIZE  # Relative standard deviation of size and distance due to errors of the lifted pose.
 
 
@@ -67,7 +67,7 @@ def size_of(
     take: LiftedTake,
     landmarks: Landmarks,
 ) -> Size:
-    """Return the given shape, or one determined by the stature, the floor or the average."""
+    """Return the given shape, or estimate it from the stature, the floor or average proportions."""
     R, t = camera.poses(0, len(take.z))
     floor = R, -np.einsum("fba,fb->fa", R, t)
     stands = not capture.floor_from_person and float(np.median(np.abs(floor[1][:, 2]))) >= LEAST_HEIGHT_M
@@ -97,7 +97,7 @@ def size_of(
 
 
 def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
-    """Return the (F, 1 + J) deviations of the lifted rotations in radians."""
+    """Return the standard deviations (F, 1 + J) of the lifted rotations in radians."""
     sigma = np.zeros((len(take.z), 1 + body.layout.num_solved))
     if has_segments(body):
         joints = [body.layout.joints.index(joint) for _, joint in SEGMENTS.values()]
@@ -106,12 +106,12 @@ def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
 
 
 def depth_sigma(take: LiftedTake, body: Body) -> np.ndarray:
-    """Return the lifter's (F, R) deviations along the line of sight in metres."""
+    """Return the lifter's standard deviations (F, R) along the line of sight in metres, for R recorded joints."""
     return take.view.sigma_m[:, [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints], 1]
 
 
 MODEL_ERROR_M = 0.015
-"""Error in metres per axis at keypoints of a body with average proportions, as no second view shows limb lengths."""
+"""Error in metres per axis at keypoints of a body with average proportions. No second view shows limb lengths."""
 ALIKE_S = 0.07
 """Frames within this time in seconds count once, because neighbouring windows share frames. Chosen on takes of subjects
 08 and 60. Longer correlations are covered by larger deviations (see ``with_open_depth``)."""
@@ -125,7 +125,7 @@ def measure_one_view(
     betas: tuple[float, ...] | None,
     progress: Progress,
 ) -> Measurements:
-    """Return the measurements of the only camera that sees the person.
+    """Prepare the only camera that shows the person as measurements.
 
     Raises:
         NoDetections: no frame has enough keypoints to place a body.
@@ -163,7 +163,7 @@ def measure_one_view(
     progress("Lifting", 1, 1)
 
     def sized_by(poses: LiftedTake) -> Measurements:
-        """Return the measurements, with the person's size taken from these poses."""
+        """Prepare the measurements, with the person's size estimated from these poses."""
         size = size_of(capture, camera, body, betas, poses, landmarks)
         notes, shape, stature = [*found], size.betas, body.stature_of(size.betas)
         if size.at_odds[1]:
@@ -262,7 +262,7 @@ def _with_view(keypoints: Keypoints2D, view: int, detected: Keypoints2D) -> Keyp
 
 
 def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
-    """Return the SMPL joint for each landmark, or the nearest SMPL joint above its bone."""
+    """Return the SMPL joint of each landmark's bone, or the nearest SMPL joint above it."""
     names, parents, found = body.layout.joints, body.layout.parents, list[int]()
     for bone in np.argmax(landmarks.weights, axis=1):
         while names[bone] not in SMPL_JOINTS and parents[bone] >= 0:
@@ -272,14 +272,14 @@ def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
 
 
 def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera: np.ndarray) -> np.ndarray:
-    """Return the (F, L, 3, 3) covariances ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ``."""
+    """Return the covariances (F, L, 3, 3) of lifted points: ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ``."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (sigma[..., k, None, None] ** 2 for k in (0, 1))
     return across * (np.eye(3) - along) + deep * along + size**2 * from_camera[..., :, None] * from_camera[..., None, :]
 
 
 def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Return the (F, L, 3, 3) precisions ``(1 - d dᵀ) / a² + d dᵀ / l²``, shared by the landmarks of each joint."""
+    """Return the precisions (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``, divided among the landmarks of each joint."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (1.0 / sigma[..., k, None, None] ** 2 for k in (0, 1))
     shared = np.bincount(joint, minlength=len(SMPL_JOINTS))[joint]
@@ -288,7 +288,7 @@ def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: n
 
 
 def _sigma_px(cameras: Cameras, keypoints: Keypoints2D, depth: np.ndarray, view: int) -> np.ndarray:
-    """Return the (1, F, L) deviations of detections from a body with average proportions, in pixels.
+    """Return the deviations (1, F, L) of detections from a body with average proportions, in pixels.
 
     Second differences of the tracks estimate the detector's noise. Their variance is six times as large.
     """

@@ -1,4 +1,4 @@
-"""Estimate a person's shape from limb lengths and planted soles in one view."""
+"""Estimate a person's body shape from limb lengths and planted soles in one view."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _SOLES, _ANKLES = ("heel", "big_toe", "small_toe"), ("ankle",)
 
 @dataclass(frozen=True)
 class SeenShape:
-    """A person's shape as estimated from one camera."""
+    """Body shape of a person as estimated from one camera."""
 
     betas: np.ndarray  # (10,)
     stature_m: float  # Stature of this shape.
@@ -53,7 +53,7 @@ class SeenShape:
 
 
 def foot_vertices(body: Body, side: str) -> np.ndarray:
-    """Return the vertices that have most of their weight on the ankle of a side or on joints below it."""
+    """Return the vertices of a foot, which have most of their weight on the ankle or on joints below it."""
     joints, parents = body.layout.joints, body.layout.parents
     below = [joints.index(f"{side}_ankle")] if f"{side}_ankle" in joints else []
     for joint, parent in enumerate(parents):
@@ -62,7 +62,7 @@ def foot_vertices(body: Body, side: str) -> np.ndarray:
 
 
 def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (L,) heights of keypoints above the sole at rest, and their derivatives w.r.t. the shape."""
+    """Return the heights (L,) of keypoints above the sole at rest, and their derivatives w.r.t. the shape."""
     feet = np.concatenate([foot_vertices(body, "left"), foot_vertices(body, "right")])
     feet = feet if len(feet) else np.arange(len(body.v_template))
     lowest = feet[np.argmin(body.v_template[feet, 1])]
@@ -91,7 +91,7 @@ def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
 
 
 def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
-    """Return the keypoints that can show a planted foot.
+    """Return the keypoints that can show a planted foot, by column.
 
     ``seen`` (L,) is the share of frames that show each keypoint.
     """
@@ -128,7 +128,7 @@ def standing_soles(
 
 
 def rising_shins(points: np.ndarray, names: tuple[str, ...], feet: list[int], up: np.ndarray) -> np.ndarray:
-    """Return an (F, K) mask of the foot points below a rising shin, which excludes kneeling.
+    """Return an (F, K) mask of foot points below a rising shin. Kneeling shins do not rise.
 
     Args:
         points: (F, L, 3) points of the pose in metres. Feet without a knee or ankle count as below a rising shin.
@@ -151,16 +151,16 @@ def fit_shape(
     floor: tuple[np.ndarray, np.ndarray] | None,
     stature_m: float = 0.0,
 ) -> SeenShape:
-    """Fit the shape to a lifted take by Gauss-Newton steps. Positions are eliminated.
+    """Fit the body shape to a lifted take by Gauss-Newton steps.
 
-    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_i² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. e is the
-    share of new information per frame, x are the keypoints in focal lengths, h the heights of planted soles above the
-    floor and o the height of the shoes. The fit assumes that the pose is exact. Joint rotations ω would change the
-    stature by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that last for ``ALIKE_S``.
+    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_i² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. The
+    positions t are eliminated. e is the share of new information per frame, x are the keypoints in focal lengths, h the
+    heights of planted soles above the floor and o the height of the shoes. The fit assumes that the pose is exact.
+    Joint rotations ω would change the stature by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that
+    last for ``ALIKE_S``.
 
     Args:
-        turn_sigma: (F, 1 + J) standard deviations of the lifted rotations of the root and the solved joints, in
-            radians.
+        turn_sigma: (F, 1 + J) standard deviations of the lifted rotations of root and solved joints, in radians.
         floor: camera rotations (F, 3, 3) from the world and centres (F, 3) in metres, over a floor at z = 0, or None.
         stature_m: given stature in metres, 0 if unknown.
     """

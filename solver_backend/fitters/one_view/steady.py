@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 DEPTH_S, ACROSS_S = 0.067, 0.023
 """Standard deviations of the temporal Gaussian filters along and across the line of sight, in seconds. For a bone
-nearly parallel to the image, pixel noise becomes centimetres of depth. 0.05 and 0.1 s change joint errors by < 0.3 mm.
-"""
+nearly parallel to the image, pixel noise becomes centimetres of depth. 0.05 and 0.1 s change joint errors by < 0.3
+mm."""
 _LEAST = 1e-6  # Regularises joints without bones, and sigmas of 0.
 
 
 def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:
-    """Smooth bone directions and position over time, mainly in depth.
+    """Smooth bone directions and body position over time, mainly in depth.
 
     A bone with direction u is rotated to ``G_d (u·s) s + G_a (u - (u·s) s)``, where s is the line of sight and G are
     Gaussian filters. A joint with several bones gets the smallest rotation that fits all of them. The root's distance
@@ -56,7 +56,7 @@ def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames
 
 
 def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarray, fps: float) -> np.ndarray:
-    """Return the (F, J, 3) rotations that align bones u: ``(Σ 1 - u uᵀ)⁺ Σ u × u'``."""
+    """Return the rotation vectors (F, J, 3) that align bones u with smoothed ones u': ``(Σ 1 - u uᵀ)⁺ Σ u × u'``."""
     children = np.arange(1, len(parents))
     bones = rest[children] - rest[parents[children]]
     u = np.einsum("fjab,jb->fja", G[:, parents[children]], bones / np.linalg.norm(bones, axis=1, keepdims=True))
@@ -89,7 +89,7 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     The body moves by the mean height of its planted feet, smoothed in time. In frames without a contact, the lower foot
     counts instead if it never rises enough for a flight. A slow height error comes from a depth error, so its slow part
     moves the body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, where e points up, d is
-    along ``sight`` (F, 3) and k is ``DEEPER``. The rest moves it vertically.
+    along ``sight`` (F, 3) and k is ``DEEPER``. The rest moves the body vertically.
 
     Then the legs bend until each planted foot is on the floor at its mean position. Feet keep their orientation. Feet
     below the floor are also lifted. No foot moves by more than ``MOST_M`` relative to the body.
@@ -136,7 +136,7 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
 
 
 def legs(body: Body) -> list[tuple[int, int, int]]:
-    """Return (hip, knee, ankle) for each side that has these joints."""
+    """Return the joints (hip, knee, ankle) of each leg that the body has."""
     names = body.layout.joints
     wanted = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in _SIDES]
     return [(names.index(a), names.index(b), names.index(c)) for a, b, c in wanted if {a, b, c} <= set(names)]
@@ -145,7 +145,7 @@ def legs(body: Body) -> list[tuple[int, int, int]]:
 def _sole_points(
     body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray, transl: np.ndarray
 ) -> list[np.ndarray]:
-    """Return the (F, V, 3) sole vertices of the left and right foot in metres."""
+    """Return the positions (F, V, 3) of the sole vertices of the left and right foot in metres."""
     found = []
     for side in _SIDES:
         foot = foot_vertices(body, side)
@@ -157,7 +157,7 @@ def _sole_points(
 
 
 def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
-    """Return the (F, 2) shifts of a foot's touching part from its mean position in each contact."""
+    """Return the slide (F, 2) of a foot's touching part from its mean position in each contact."""
     height = foot[..., 2] - foot[..., 2].min(axis=1, keepdims=True)
     touch = np.exp(-height / TOUCH_M)
     hold = touch[1:] * touch[:-1]
@@ -178,7 +178,7 @@ def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def released(moves: np.ndarray, stands: np.ndarray, frames: int) -> np.ndarray:
-    """Return (F, 3) corrections that fade out over some frames before and after the contacts."""
+    """Extend corrections (F, 3) of planted feet. They fade out over ``frames`` before and after each contact."""
     number, count = np.arange(len(moves)), len(moves)
     before, after = _stands_around(stands)
     total = np.zeros_like(moves)
@@ -197,7 +197,7 @@ def with_ankle_moved(
     chain: tuple[int, int, int],
     move: np.ndarray,
 ) -> np.ndarray:
-    """Return (F, J, 3, 3) rotations after moving one ankle. The foot's orientation is kept.
+    """Move one ankle, and return the adjusted leg rotations (F, J, 3, 3). The foot keeps its orientation.
 
     The knee bends to match the distance between hip and ankle, and the smallest leg rotation aims it at the ankle.
     """
@@ -230,7 +230,7 @@ _CLEAR = 0.05  # Sine of the bend at which the knee's axis and the normal of the
 
 
 def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
-    """Return the joints between the root and a joint, excluding both."""
+    """Return the joints between the root and a joint, from the root outwards, without these two."""
     path = list[int]()
     while parents[joint] > 0:
         joint = int(parents[joint])
@@ -239,5 +239,5 @@ def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
 
 
 def _angle(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Return a knee's bend angle, given the bone lengths and the distance between their far ends."""
+    """Return a knee's bend angle in radians, given the bone lengths and the distance between hip and ankle."""
     return np.arccos(np.clip((distance**2 - a**2 - b**2) / (2.0 * a * b), -1.0, 1.0))

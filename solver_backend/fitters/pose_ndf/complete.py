@@ -1,4 +1,4 @@
-"""Use Pose-NDF (Tiwari et al. 2022) to complete, denoise, interpolate and fit poses."""
+"""Use Pose-NDF to complete, denoise, interpolate and fit poses (Tiwari et al. 2022)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1,
 
 @dataclass(frozen=True)
 class KeypointSettings:
-    """Weights in eq. 10, relative to squared deviations of the detector's noise."""
+    """Weights of Pose-NDF's keypoint objective (eq. 10), relative to squared deviations of the detector's noise."""
 
     manifold: float = 50.0  # w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` vanishes near the manifold.
     adaptive: bool = True  # False uses a constant ``λ_θ = w``, 1/rad, for comparison.
@@ -37,7 +37,7 @@ class KeypointSettings:
 
 @dataclass(frozen=True)
 class KeypointFit:
-    """Poses and shape fitted to keypoints."""
+    """Poses and body shape after fitting keypoints."""
 
     frames: PosedFrames
     betas: Array  # (10,) one shape for all frames.
@@ -47,7 +47,7 @@ class KeypointFit:
 
 @dataclass(frozen=True)
 class KeypointObjective:
-    """Keypoint objective ``L_J + λ_θ L_θ + λ_β L_β + λ_α L_α`` (eqs. 10 and 11)."""
+    """Pose-NDF's keypoint objective ``L_J + λ_θ L_θ + λ_β L_β + λ_α L_α`` (eqs. 10 and 11)."""
 
     subject: Subject
     prior: PoseNDF
@@ -56,7 +56,7 @@ class KeypointObjective:
     scale: float
 
     def linearise(self, state: tuple[PosedFrames, Array]) -> tuple[Array, Arrowhead]:
-        """Return the (1,) cost, and its equations for the poses and the shared shape."""
+        """Return the cost (1,), and the normal equations for the poses and the shared shape."""
         frames, betas = state
         posed = pose(replace(self.subject, betas=betas), frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -80,14 +80,14 @@ class KeypointObjective:
         )
 
     def retract(self, state: tuple[PosedFrames, Array], step: Array) -> tuple[PosedFrames, Array]:
-        """Return the state after (1, 10 + p F) steps, shape first."""
+        """Move poses and shape by a (1, 10 + p F) step, with the shape first."""
         xp = array_namespace(step)
         frames, betas = state
         moves = xp.reshape(step[0, NUM_BETAS:], (-1, frames.layout.dof))
         return frames.retract(moves), betas + step[0, :NUM_BETAS]
 
     def _pose_terms(self, frames: PosedFrames) -> tuple[Array, Array, Array]:
-        """Return cost, gradient (F, p) and curvature (F, p, p) of the manifold term and the bending term."""
+        """Return cost, gradient (F, p) and curvature (F, p, p) of the manifold and bending terms."""
         xp = array_namespace(frames.local)
         bend_cost, bend_g, bend_curvature = bending(frames.local, self.settings.bending)
         distance, by_joints = self.prior.distance_with_tangents(frames.local)
@@ -106,7 +106,7 @@ class KeypointObjective:
 
 
 def bending(local: Array, weight: float) -> tuple[Array, Array, Array]:
-    """Return ``λ_α/2 Σ exp(2 α)``, its gradient (F, 63) and its curvature w.r.t. left tangents."""
+    """Return the bending cost ``λ_α/2 Σ exp(2 α)``, its gradient (F, 63) and its curvature w.r.t. left tangents."""
     xp = array_namespace(local)
     vectors = log_so3(local)
     inverse, count = left_jacobian_inverse_so3(vectors), local.shape[0]
@@ -129,7 +129,9 @@ def fit_keypoints(
     start: PosedFrames,
     settings: KeypointSettings = KeypointSettings(),
 ) -> KeypointFit:
-    """Minimise eq. 10 over poses and shape. The initial poses must face in roughly the right direction.
+    """Fit poses and one body shape to keypoints by minimising eq. 10.
+
+    The initial poses must face in roughly the right direction.
 
     Args:
         subject: body and keypoint landmarks. Its shape is the initial shape.
@@ -152,7 +154,7 @@ def fit_keypoints(
 
 @dataclass(frozen=True)
 class ManifoldWeights:
-    """Weights of the three terms. Terms on points are means over the landmarks."""
+    """Weights of the terms for data, manifold and smoothness. Terms on points are means over the landmarks."""
 
     data: float  # λ_v, 1/m²: weight of the observed points.
     manifold: float  # w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3).
@@ -162,7 +164,7 @@ class ManifoldWeights:
 
 @dataclass(frozen=True)
 class PoseSequence:
-    """The objective for F consecutive frames."""
+    """Denoising objective for F consecutive frames."""
 
     subject: Subject  # Body whose landmarks replace the mesh.
     prior: PoseNDF
@@ -173,7 +175,7 @@ class PoseSequence:
     before: Array | None = None  # (L, 3) points in the frame before the first, None at the start of a take.
 
     def linearise(self, frames: PosedFrames) -> tuple[Array, BlockTridiagonal]:
-        """Return the (1,) cost and its Gauss-Newton equations in the free tangents.
+        """Return the cost (1,) and its Gauss-Newton equations w.r.t. the free tangents.
 
         ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``. These
         are L_v, L_θ and L_t in Pose-NDF's eqs. 7 and 8, with landmarks instead of the mesh and all frames at once. The
@@ -214,7 +216,7 @@ class PoseSequence:
         return xp.reshape(cost, (1,)), BlockTridiagonal(diagonal, upper, g)
 
     def retract(self, frames: PosedFrames, step: Array) -> PosedFrames:
-        """Return the frames after (1, F n) steps in the free tangents."""
+        """Move the frames by a (1, F n) step in the free tangents."""
         xp = array_namespace(step)
         count = frames.root.shape[0]
         whole = zeros((count, frames.layout.dof), step)
@@ -228,7 +230,7 @@ CHUNK_FRAMES = 240  # Number of frames solved at once, like the longest sequence
 def solve_sequence(
     sequence: PoseSequence, start: PosedFrames, iterations: int, stage: str = "Fitting", progress: Progress = silent
 ) -> tuple[PosedFrames, Array]:
-    """Return the poses that minimise the sequence's cost, and the (1,) cost.
+    """Minimise the sequence's cost, and return the poses and the cost (1,).
 
     ``iterations`` is the largest number of linearisations per chunk. ``progress`` receives the name ``stage``.
     """
@@ -261,7 +263,7 @@ _LOOKED_AT = 12  # Number of frames on which candidates are tried.
 
 @dataclass(frozen=True)
 class CompleteSettings:
-    """Weights in eq. 7 for missing joints. Only these joints move, and they have no data term."""
+    """Weights in eq. 7 for completing poses. Only the missing joints move, and they have no data term."""
 
     manifold: float = 1.0  # w, 1/rad².
     smoothness: float = 2.0  # λ_t, 1/m², at 30 frames per second. Chosen on takes of training subjects.
@@ -272,7 +274,7 @@ class CompleteSettings:
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of named joints or limbs. Raise ``JobInvalid`` for unknown names."""
+    """Return the columns of joints, given names of joints or limbs. Raise ``JobInvalid`` for unknown names."""
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
@@ -319,7 +321,7 @@ def complete(
 
 
 def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], settings: CompleteSettings) -> Array:
-    """Return (starts, n, 3, 3) rotations of the missing joints, from the samples nearest to the manifold."""
+    """Return initial rotations (starts, n, 3, 3) of the missing joints, from the samples nearest to the manifold."""
     xp = array_namespace(frames.local)
     limbs = constant(prior.sample(settings.candidates, settings.seed)[:, list(missing)], frames.local)
     some = frames.select(slice(0, None, max(1, len(frames.local) // _LOOKED_AT)))
@@ -341,7 +343,7 @@ WEIGHTS = ManifoldWeights(data=1.0, manifold=0.03, smoothness=2.0, level=0.5)
 
 @dataclass(frozen=True)
 class DenoiseSettings:
-    """Weights in eq. 7 at 30 frames per second, and number of iterations."""
+    """Settings for denoising: weights in eq. 7 at 30 frames per second, and number of iterations."""
 
     weights: ManifoldWeights = WEIGHTS
     iterations: int = 20  # Largest number of linearisations per chunk of frames.
@@ -384,7 +386,7 @@ def interpolate_poses(
     settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
-    """Interpolate ``count`` poses on the manifold between each of N pairs. The ends are not included.
+    """Interpolate ``count`` plausible poses between each of N pairs of poses. The ends are not included.
 
     ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along geodesics. θ' is projected with eq. 6.
 

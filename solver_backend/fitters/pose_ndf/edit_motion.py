@@ -1,4 +1,4 @@
-"""Apply Pose-NDF to motions."""
+"""Apply Pose-NDF to whole motions: denoise, complete, interpolate, sample and fit."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # Y u
 def denoised_motion(
     motion: Motion, body: Body, prior: PoseNDF, settings: DenoiseSettings, progress: Progress
 ) -> Motion:
-    """Smooth a motion's poses near the manifold (see ``motion denoise``).
+    """Denoise a motion with Pose-NDF (see ``motion denoise``).
 
     Raises:
         MotionInvalid: the motion is for another body.
@@ -53,7 +53,7 @@ def denoised_motion(
 def completed_motion(
     motion: Motion, body: Body, prior: PoseNDF, missing: tuple[str, ...], settings: CompleteSettings, progress: Progress
 ) -> Motion:
-    """Replace the rotations of the named joints or limbs in a motion.
+    """Replace the rotations of named joints or limbs in a motion by plausible ones.
 
     Raises:
         MotionInvalid: the motion is for another body.
@@ -69,7 +69,7 @@ def completed_motion(
 def interpolated_motion(
     motion: Motion, body: Body, prior: PoseNDF, first: int, last: int, count: int, progress: Progress = silent
 ) -> Motion:
-    """Return frame ``first``, ``count`` interpolated frames on the manifold, and frame ``last``.
+    """Build a motion of frame ``first``, ``count`` plausible frames in between, and frame ``last``.
 
     The root moves at constant speed.
 
@@ -117,7 +117,7 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
 def fitted_motion(
     capture: Capture, motion: Motion, body: Body, prior: PoseNDF, noise_px: float, settings: KeypointSettings
 ) -> Motion:
-    """Fit poses and one shape to a capture's keypoints (see ``fit_keypoints``).
+    """Fit poses and one body shape to a capture's keypoints (see ``fit_keypoints``).
 
     Args:
         capture: calibrated views of one person, one or more.
@@ -155,7 +155,7 @@ def frames_of(motion: Motion, body: Body) -> PosedFrames:
 
 
 def skin_of(motion: Motion, body: Body) -> Subject:
-    """Return the person with skin points as landmarks."""
+    """Return the motion's person, with skin points as landmarks."""
     names = marker_layout(LAYOUT)
     return Subject(body, marker_landmarks(body, names), motion.betas.astype(np.float64), np.zeros((len(names), 3)))
 
@@ -169,13 +169,12 @@ def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames
 
 
 def _with_own_fingers(made: Motion, motion: Motion, body: Body) -> Motion:
-    """Add the fingers of the source motion to a motion, if the source has fingers."""
     fingers = finger_turns_of(motion)
     return made if fingers is None else with_finger_turns(made, body, fingers)
 
 
 def _on_the_way(ends: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return (n, K, 3, 3) rotations at positions from 0 to 1 along geodesics between the ends."""
+    """Return rotations (n, K, 3, 3) at positions from 0 to 1 along geodesics between two poses."""
     a, b = quat_from_matrix(ends)
     b = np.where((a * b).sum(-1, keepdims=True) >= 0, b, -b)
     shape = (len(share), *a.shape)

@@ -1,1 +1,1 @@
-"""Solve the poses in a take, with one file per method. ``fitters/pipeline.py`` lists the methods."""
+"""Solve the poses in a take, with one module per method. ``fitters/pipeline.py`` lists the methods."""

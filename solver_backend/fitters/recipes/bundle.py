@@ -1,4 +1,4 @@
-"""Solve whole takes at once, in passes that learn shape, noise and contacts."""
+"""Solve whole takes at once, in passes that also learn body shape, noise and contacts."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ Solve = Callable[..., KeySolution]  # Minimises (model, layout, start, schedule)
 
 @dataclass(frozen=True)
 class PosedKeys:
-    """A person's keys with their poses and landmarks, computed on demand."""
+    """Keyframes of a person, with their poses and landmarks, which are computed on first use."""
 
     subject: Subject
     prior: PosePrior
@@ -94,7 +94,7 @@ class PosedKeys:
         return points_of(self.subject, self.poses)
 
     def of_subject(self, subject: Subject) -> PosedKeys:
-        """Return the same poses for another person."""
+        """Return the same poses for another person. Only the landmarks change."""
         posed = replace(self, subject=subject)
         vars(posed)["poses"] = self.poses  # the cache that cached_property reads: poses do not depend on the person
         return posed
@@ -102,7 +102,7 @@ class PosedKeys:
 
 @dataclass(frozen=True)
 class Bundle:
-    """The keys of a take, and the quantities learned so far."""
+    """State of a whole-take solve between passes: the keyframes and everything learned so far."""
 
     problem: Problem
     settings: SolveSettings
@@ -133,14 +133,14 @@ class Bundle:
         restart: Start,
         frames: np.ndarray | None = None,
     ) -> Bundle:
-        """Return a bundle before its first pass, with keys on the manifold."""
+        """Create the state before the first pass, with keyframes on the prior's manifold."""
         free = state_layout(problem.prior).only(ON_THE_MANIFOLD)
         posed = PosedKeys(subject, problem.prior, layout, keys, bool(free.turned), frames)
         return cls(problem, settings, posed, window, solve, restart, schedule, problem.measurements.term, free)
 
     @cached_property
     def objective(self) -> BundleObjective:
-        """Objective with the learned quantities."""
+        """Objective with the learned noise, contacts and skin."""
         problem, spacing = self.problem, 0.5 * self.window
         points: tuple[PointTerm, ...] = (self.data,)
         if self.contacts is not None:
@@ -157,7 +157,7 @@ class Bundle:
 
     @property
     def model(self) -> BundleModel:
-        """Objective as a function of the keys."""
+        """Objective as a function of the keyframes."""
         return BundleModel(self.posed.subject, self.problem.prior, self.objective, self.free)
 
     @property
@@ -167,20 +167,20 @@ class Bundle:
 
     @property
     def everywhere(self) -> PosedKeys:
-        """Keys with the poses in all frames."""
+        """Keyframes with the poses in all frames, not only the evaluated ones."""
         return self.posed if self.posed.frames is None else replace(self.posed, frames=None)
 
     @property
     def data_cost(self) -> np.ndarray:
-        """(F,) half robust squares of the measurement errors."""
+        """(F,) half the robust squared measurement errors of each frame."""
         return to_numpy(self.data(self.everywhere.points, self.settings.robust_scale).cost)
 
     def move(self, keys: Keyframes) -> Bundle:
-        """Return the bundle with other keys."""
+        """Return the bundle with other keyframes."""
         return self if keys is self.posed.keys else replace(self, posed=replace(self.posed, keys=keys))
 
     def freed(self, free: Collection[str], looseness: float = OFF_MANIFOLD) -> Bundle:
-        """Return the bundle with the given blocks of its keys free."""
+        """Return the bundle with the given blocks of its keyframes free."""
         layout = state_layout(self.problem.prior).only(free)
         posed = replace(self.posed, residuals=bool(layout.turned))
         return replace(self, free=layout, looseness=looseness, posed=posed)
@@ -191,7 +191,7 @@ Step = Callable[[Bundle], Bundle]  # Learns some quantity from the current poses
 
 @dataclass(frozen=True)
 class Pass:
-    """One minimisation over the keys."""
+    """One minimisation over the keyframes, after steps that learn other quantities."""
 
     schedule: Schedule
     free: tuple[str, ...]  # Unknown blocks of the state.
@@ -199,7 +199,7 @@ class Pass:
     looseness: float = OFF_MANIFOLD  # Factor applied to the prior's error on rotations off the manifold.
 
     def run(self, bundle: Bundle, alive: Callable[[], None]) -> Bundle:
-        """Run the pass. ``alive`` is called before each linearisation."""
+        """Run the steps, then the minimisation. ``alive`` is called before each linearisation."""
         for step in self.before:
             bundle = step(bundle)
         bundle = bundle.freed(self.free, self.looseness)
@@ -208,7 +208,7 @@ class Pass:
 
 
 def space_keys(bundle: Bundle) -> Bundle:
-    """Place keys closer together if the take moves fast."""
+    """Place keyframes closer together if the take moves fast."""
     posed, problem = bundle.posed, bundle.problem
     dense = dense_layout(bundle.model, posed.layout, posed.keys, bundle.window, problem.fps)
     if dense is posed.layout:
@@ -219,26 +219,26 @@ def space_keys(bundle: Bundle) -> Bundle:
 
 
 def restart_lost_limbs(bundle: Bundle) -> Bundle:
-    """Solve lost limbs again before noise is learned, because they must not count as noise."""
+    """Solve lost limbs again before noise is learned. Their errors must not count as noise."""
     posed, measured = bundle.posed, bundle.problem.measurements
     taken = measured, _with_codes(bundle), posed.layout, posed.keys, posed.points
     return bundle.move(resolve_lost_limbs(*taken, bundle.restart, bundle.schedule, posed.frames))
 
 
 def _with_codes(bundle: Bundle) -> BundleModel:
-    """Return the model with free codes, because a limb in another position has another code."""
+    """Return the model with free codes. A limb in another position has another code."""
     free = state_layout(bundle.problem.prior).only([CODE, *(block.name for block in bundle.free.blocks)])
     return replace(bundle.model, free=free)
 
 
 def restart_outlier_markers(bundle: Bundle, schedule: Schedule) -> Bundle:
-    """Solve keys near outlier markers again, starting with wide robust scales."""
+    """Solve keyframes near outlier markers again, starting with wide robust scales."""
     taken = bundle.problem.measurements, _with_codes(bundle), bundle.posed.layout, bundle.posed.keys
     return bundle.move(resolve_outlier_markers(*taken, schedule))
 
 
 def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
-    """Estimate the shape, and optionally the landmark offsets, from a sample of the poses."""
+    """Estimate the body shape, and optionally the landmark offsets, from a sample of the poses."""
     posed, scale = bundle.posed, bundle.settings.robust_scale
     known = ShapePrior(free_betas=bundle.settings.betas is None, free_offsets=offsets)
     objective = bundle.objective.frames.select(bundle.problem.sample)
@@ -246,12 +246,12 @@ def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
 
 
 def learn_noise(bundle: Bundle) -> Bundle:
-    """Learn the measurement noise with the rule of their source."""
+    """Learn the measurement noise in the way of the point source."""
     return replace(bundle, data=bundle.problem.measurements.source.learn_noise(bundle))
 
 
 def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights: np.ndarray | None = None) -> Bundle:
-    """Lock planted feet (see ``find_contacts``)."""
+    """Find planted feet, and keep them in place from now on (see ``find_contacts``)."""
     if not bundle.settings.contacts:
         return bundle
     points, names = to_numpy(bundle.posed.points), bundle.posed.subject.landmarks.names
@@ -261,7 +261,7 @@ def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights:
 def touching_parts(
     contacts: Contacts | None, skin: SkinContacts | None, names: tuple[str, ...]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return masks of planted feet (F, 2) and of all touching parts (F, 11), or None."""
+    """Return masks of planted feet (F, 2) and of all touching parts (F, 11). None where nothing was detected."""
     feet = None if contacts is None else contacts.feet(names)
     if skin is None:
         return feet, None
@@ -273,19 +273,20 @@ def touching_parts(
 
 PEOPLE = "other people"  # Name of these surfaces in diagnostics.
 _PEOPLE_CONTRADICTED = diagnostic("surface_contradicted", surface=PEOPLE, severity=Severity.NOTE)
-"""A note, because people who do not touch often contradict contacts, and the user can change nothing."""
+"""Diagnostic about contradicted contacts with other people. It is a note, because people who do not touch often
+contradict contacts, and the user can change nothing."""
 ROUNDS = 2  # Passes with skin contacts. Parts that had sunk touch the floor only after the first one.
 
 
 def world_of(settings: SolveSettings) -> Obstacles:
-    """Return the floor with the objects in the settings. Raise ``FileDamaged`` or ``FileMissing``."""
+    """Read the objects in the settings, and add the floor. Raise ``FileDamaged`` or ``FileMissing``."""
     return read_obstacles(settings.objects) if settings.objects else Obstacles.floor()
 
 
 def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
-    """Return whether contacts are on and a floor or objects are known.
+    """Return whether skin contacts can be used: they are on, and a floor or objects are known.
 
-    With one camera, depth is too uncertain to check them.
+    With one camera, depth is too uncertain for skin contacts.
     """
     source = problem.measurements.source
     return settings.contacts and source.recipe != "one camera" and (source.knows_floor or bool(settings.objects))
@@ -317,7 +318,7 @@ def hold_skin(bundle: Bundle) -> Bundle:
 
 
 def _hold_outside(bundle: Bundle, world: Obstacles, others: OtherSkin | None) -> tuple[Bundle, np.ndarray]:
-    """Solve with the skin outside surfaces. Also return an (F, 11) mask of the affected parts."""
+    """Solve with the skin outside surfaces. Return the bundle and an (F, 11) mask of the affected parts."""
     standing, names = bundle.contacts, bundle.posed.subject.landmarks.names
     works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)
@@ -343,7 +344,7 @@ SPREAD = "Estimating deviations"  # Name of the stage after them.
 
 @dataclass(frozen=True)
 class PassPlan:
-    """The passes and window length for a take."""
+    """Passes, window length and evaluated frames for solving a take."""
 
     window: int
     passes: tuple[Pass, ...]
@@ -353,7 +354,7 @@ class PassPlan:
 
 
 def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan a pass on the manifold with wide scales, then two passes that learn the shape."""
+    """Plan the passes for several views: one on the manifold with wide scales, then two that also learn the shape."""
     scale, steps = settings.robust_scale, settings.iterations
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3, promise=1.0)
     between = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2, promise=1.0)
@@ -370,7 +371,7 @@ def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
 
 
 def plan_one_view(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan a pass on the manifold, then passes off it with planted feet held.
+    """Plan the passes for one camera: one on the manifold, then passes off it with planted feet kept in place.
 
     Shape, bias and noise are not learned, because with one camera they would absorb every depth error.
     """
@@ -394,7 +395,7 @@ LOOSENESS = 2.0  # Additional looseness with fixed codes, because free codes tak
 
 
 def plan_known_person(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan for a known person: a pass on the manifold if needed, and a pass off it."""
+    """Plan the passes for markers on a calibrated person: one on the manifold if needed, and one off it."""
     scale, steps, usual = settings.robust_scale, settings.iterations, problem.frames_of(settings.refine_window)
     measured, stride = problem.measurements, problem.frames_of(1, 1)
     rate = problem.fps / stride
@@ -422,7 +423,7 @@ PLANS = {"views": plan_views, "one camera": plan_one_view, "known person": plan_
 def solve_take(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve all keys of a take with the plan for its measurements."""
+    """Solve all keyframes of a take with the plan for its point source."""
     plan = PLANS[problem.measurements.source.recipe](problem, settings)
     layout, count = KeyframeLayout.even(problem.num_frames, plan.window), len(plan.passes)
     keys = initial_keys(problem, subject, layout, progress)
@@ -438,7 +439,7 @@ def solve_take(
 
 
 def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodResult:
-    """Return the poses in all frames and the convergence of the last pass."""
+    """Return the poses in all frames, with covariances and contacts, and the convergence of the last pass."""
     assert bundle.solution is not None
     problem, settings, posed, model = bundle.problem, bundle.settings, bundle.posed, bundle.model
     layout, keys, names = posed.layout, hemisphere_aligned(posed.keys), posed.subject.landmarks.names

@@ -1,8 +1,8 @@
-"""Solve by BundleMoCap++ as published, window after window (thesis 6.2.5 and 6.3.2).
+"""Solve by BundleMoCap++ as published, one window after another (thesis 6.2.5 and 6.3.2).
 
-Each window follows SIDER-2 through three keys. Its first key is the previous window's last key and is fixed. The other
-two move by projected gradient descent. There is no prior term, because codes never leave SPoser's sphere. The regressor
-gives the shape in the first frame. No pass learns shape, bias or noise.
+Each window follows SIDER-2 through three keyframes. Its first keyframe is the previous window's last one and is fixed.
+The other two move by projected gradient descent. There is no prior term, because codes never leave SPoser's sphere. The
+regressor gives the shape in the first frame. No pass learns shape, bias or noise.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ KeyState = tuple[Array, Array, Array]  # Codes (n, d), root rotations (n, 3, 3),
 
 @dataclass(frozen=True)
 class Window:
-    """The frames in a window, and all fixed quantities."""
+    """Frames of one window, with all quantities that are fixed during its solve."""
 
     subject: Subject
     prior: PosePrior
@@ -45,11 +45,11 @@ class Window:
     first: KeyState  # The key from which the window starts, n = 1.
 
     def frames(self, state: KeyState) -> PosedFrames:
-        """Return the frames between the keys (thesis eqs. 6.9, 6.10)."""
+        """Return the poses between the keyframes (thesis eqs. 6.9, 6.10)."""
         return self.curve(state).poses(self.prior)
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
-        """Return the cost and its gradient w.r.t. the free keys.
+        """Return the window's cost and its gradient w.r.t. the free keyframes.
 
         The cost is the data term over the frames (thesis eqs. 6.7, 6.8). The gradient is computed in reverse mode.
         """
@@ -67,24 +67,24 @@ class Window:
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
 
     def codes_cost(self, z: Array) -> tuple[float, Array | None]:
-        """Return a cost on the frames' (F, d) codes, and its gradient. Here there is none."""
+        """Return an additional cost of the frames' codes (F, d) and its gradient. This method has none."""
         return 0.0, None
 
     def keys(self, state: KeyState) -> Keyframes:
-        """Return the window's keys (1, n + 1), fixed key first."""
+        """Return the window's keyframes (1, n + 1), with the fixed one first."""
         xp = array_namespace(*state)
         z, R, transl = (xp.concat([a, b]) for a, b in zip(self.first, state, strict=True))
         residual = xp.reshape(zeros((len(z), NUM_BODY_JOINTS * 3), z), (-1, NUM_BODY_JOINTS, 3))
         return hemisphere_aligned(Keyframes(z, quat_from_matrix(R), transl, residual)).select(np.arange(len(z))[None])
 
     def curve(self, state: KeyState) -> KeyframeCurve:
-        """Return the curve through the keys: SIDER-n, with a polynomial for the translations."""
+        """Return the curve through the keyframes: SIDER-n, with a polynomial for the translations."""
         return KeyframeCurve.through(self.keys(state), self.time[None], residuals=False)
 
 
 @dataclass(frozen=True)
 class Slid:
-    """The take after the last window."""
+    """Poses of a take after all windows are solved."""
 
     frames: PosedFrames
     found: tuple[MinimiseResult, ...]  # One result per window.
@@ -98,13 +98,13 @@ def slide(
     minimise: Callable[[Window, KeyState], MinimiseResult],
     progress: Progress,
 ) -> Slid:
-    """Solve window after window (thesis 6.3.2).
+    """Solve one window after another (thesis 6.3.2).
 
     Args:
-        first: first key of the take.
-        window: creates a window from frame numbers, their positions in the window, and the fixed key.
-        start: returns initial free keys, given a window's number and its fixed key.
-        minimise: solves a window from initial keys.
+        first: first keyframe of the take.
+        window: creates a window from frame numbers, their positions in the window, and the fixed keyframe.
+        start: returns initial free keyframes, given a window's number and its fixed keyframe.
+        minimise: solves a window from initial keyframes.
     """
     number, time = layout.positions(layout.frames)
     key, parts, found = first, [], []
@@ -121,7 +121,7 @@ def slide(
 def solve_bundlemocap(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve a take with the published method, starting from keys fitted to triangulated points."""
+    """Solve a take with the published method, starting from keyframes fitted to triangulated points."""
     problem, measured = replace(problem, pose_terms=()), problem.measurements
     seen = np.flatnonzero(measured.seen)
     if settings.betas is None and not measured.knows_person:
@@ -144,7 +144,7 @@ def solve_bundlemocap(
 
 
 def keys_near(problem: Problem, subject: Subject, times: np.ndarray, seen: np.ndarray) -> KeyState:
-    """Return keys at the given times, fitted to the points in the nearest observed frames (S,)."""
+    """Return keyframes at the given times, fitted to the points in the nearest observed frames (S,)."""
     nearest = seen[np.abs(np.asarray(times)[:, None] - seen).argmin(axis=1)]
     unique, inverse = np.unique(nearest, return_inverse=True)
     fitted = fit_to_points(problem, subject, unique)
@@ -152,6 +152,6 @@ def keys_near(problem: Problem, subject: Subject, times: np.ndarray, seen: np.nd
 
 
 def select_keys(keys: KeyState, index: slice | np.ndarray) -> KeyState:
-    """Return the selected keys."""
+    """Select keyframes by index or slice."""
     z, R, t = (part[index] for part in keys)
     return z, R, t

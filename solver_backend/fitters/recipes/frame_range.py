@@ -46,7 +46,7 @@ _DIAGONAL = [0, 3, 5]  # Entries xx, yy and zz of ``packed`` matrices.
 
 
 def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
-    """Replace the unsure flags that pins cause by larger deviations of the moved joints.
+    """Replace the unsure flags that pins cause by larger deviations of the joints that they move.
 
     A pinned pose disagrees with the measurements, so its frame and the neighbouring frames are flagged as unsure.
     """
@@ -72,7 +72,7 @@ def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, f
 
 @dataclass(frozen=True)
 class SolvedRange:
-    """A frame range that was solved again, with the windows on both sides of it."""
+    """Frame range that was solved again, with the windows on both sides of it."""
 
     frame_range: FrameRange
     layout: KeyframeLayout
@@ -84,7 +84,7 @@ class SolvedRange:
 
     @property
     def moved(self) -> np.ndarray:
-        """Numbers of the frames with new poses: the whole range, except ends without pins."""
+        """Numbers of the frames with new poses: the whole range, except range ends without pins."""
         wanted, frames = self.frame_range, self.layout.frames
         inside = (frames >= wanted.first) & (frames <= wanted.last)
         pinned = {pin.frame for pin in wanted.pins}
@@ -107,7 +107,7 @@ def contacts_in_place(
     detects: bool,
     every: bool,
 ) -> tuple[Contacts | None, SkinContacts | None]:
-    """Combine the earlier motion's contacts with the new frames and the user's changes.
+    """Combine the earlier motion's contacts with contacts in the new frames and the user's changes.
 
     If ``detects`` is false, the feet have only the contacts that the user added. If ``every`` is false, the same
     applies to all other parts.
@@ -130,7 +130,7 @@ def contacts_in_place(
 
 
 def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
-    """Return the floor and the objects that the views did not contradict."""
+    """Return the floor and the objects, except those that the views contradicted in the earlier solve."""
     found = read_diagnostics(motion.provenance.get("diagnostics"))
     refused = [item.values.get("surface") for item in found if item.code == "surface_contradicted"]
     if not set(refused) - {PEOPLE}:
@@ -139,7 +139,7 @@ def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
 
 
 def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange:
-    """Return the range with the user's earlier contacts, followed by the new ones."""
+    """Return the range with the user's contacts from earlier solves, followed by the new ones."""
     kept = list[UserContact]()
     for entry in () if frame_range.forgets else motion.provenance.get("resolved", ()):
         # Each solve recorded all contacts in its frames, including those from earlier solves.
@@ -150,13 +150,13 @@ def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange
 
 
 def _within(contacts: list[UserContact], first: int, last: int) -> list[UserContact]:
-    """Cut the contacts to the given frames."""
+    """Cut contacts to the frames from ``first`` to ``last``."""
     cut = (replace(c, first=max(c.first, first), last=min(c.last, last)) for c in contacts)
     return [contact for contact in cut if contact.first <= contact.last]
 
 
 def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
-    """Return the (F, 11) mask of touching parts in an earlier motion, with the user's changes."""
+    """Return an (F, 11) mask of touching parts in an earlier motion, after the user's changes."""
     touches = np.zeros((motion.num_frames, len(CONTACT_PARTS)), bool)
     if motion.touches is not None:
         touches |= motion.touches
@@ -170,7 +170,7 @@ def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
 def frames_in_place(
     problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange, covariance: np.ndarray
 ) -> SolvedFrames:
-    """Return the poses in the whole take, with new poses in the moved frames.
+    """Insert the new poses of the moved frames into the take's earlier poses.
 
     ``before`` are the earlier poses. ``covariance`` (n, J + S, 6) contains joints and segment rotations in the layout's
     frames (see ``joint_covariance``, ``packed``).
@@ -247,10 +247,10 @@ def solve_range(
 ) -> tuple[SolvedRange, SolvedFrames]:
     """Solve a frame range in a motion again. Return the range, and the poses in the whole take.
 
-    There are keys at the range's ends, at the pins, whose poses are fixed, and evenly spaced between them. A fixed
-    window on either side of the range preserves speed and direction. The solve starts both from the motion and from
-    fits of single frames, and keeps the better result. Then planted feet are locked. Feet that are also planted outside
-    the range keep their position.
+    There are keyframes at the range's ends, at the pins, and at equal distances between them. Pinned keyframes are
+    fixed. A fixed window on either side of the range preserves speed and direction. The solve starts both from the
+    motion and from fits of single frames, and keeps the better result. Then planted feet are locked. Feet that are also
+    planted outside the range keep their position.
 
     Raises:
         JobInvalid: the frame range is outside the take.
@@ -306,7 +306,7 @@ def solve_range(
 
 
 def cost_of(bundle: Bundle) -> float:
-    """Return the cost after the last pass."""
+    """Return the cost after the last pass of a bundle."""
     assert bundle.solution is not None
     return bundle.solution.cost
 
@@ -331,7 +331,7 @@ def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None
 
 
 def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:
-    """Return keys with exactly the given poses. A key between two frames gets the halfway rotation."""
+    """Return keyframes with exactly the given poses. Between two frames, a keyframe gets the halfway rotation."""
     early, late = np.floor(times).astype(int), np.ceil(times).astype(int)
 
     def midway(R: Array) -> Array:
@@ -368,7 +368,7 @@ def solve_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> Solution:
-    """Return the motion with a frame range solved again. Other frames do not change."""
+    """Solve a frame range of a motion again, with hands, and return the motion. Other frames do not change."""
     from solver_backend.fitters.hands.solve_hands import HandRange, Hands, solve_hands_again
 
     body = without_fingers(motion)

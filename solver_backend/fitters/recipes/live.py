@@ -1,4 +1,4 @@
-"""Fit live frames to visible markers, and to the network's positions for hidden ones."""
+"""Fit live frames to visible markers and to the network's positions for hidden markers, or to several views."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ ROBUST_SCALE = np.inf  # The learned variances are robust enough without a kerne
 
 
 class PersonFollower:
-    """Sequential solver for frames of one person. Its state is pose, velocity and shape."""
+    """Solver that follows one person from frame to frame. It keeps pose, velocity and body shape."""
 
     def __init__(self, subject: Subject, betas: np.ndarray | None = None) -> None:
-        """Create a follower for a person, with the (10,) shape if it is known."""
+        """Create a follower for a person, with the body shape (10,) if it is known."""
         self.subject = subject
         self._shape_frames = 0
         if betas is not None:
@@ -56,27 +56,27 @@ class PersonFollower:
 
     @property
     def known_shape(self) -> np.ndarray | None:
-        """(10,) shape once it is fixed, or None while it is learned."""
+        """(10,) body shape once it is fixed, or None while it is learned."""
         return self.subject.betas if self._shape_frames >= SHAPE_FRAMES else None
 
     @property
     def rest(self) -> np.ndarray:
-        """(1, n, 3, 3) identity rotations."""
+        """(1, n, 3, 3) joint rotations of the rest pose."""
         return np.broadcast_to(np.eye(3), (1, len(self._prior.rest_precision) // 3, 3, 3))
 
     def restart(self) -> None:
-        """Discard the pose, so that the next frame starts again."""
+        """Discard the pose, so that the next frame is a new start."""
         self.pose = None
 
     @property
     def is_starting(self) -> bool:
-        """Return whether the next frame is part of a start."""
+        """True if the next frame is part of a start."""
         return self.pose is None or self._steps_to_start > 0
 
     def follow(
         self, term: PointTerm, dt: float, start: Callable[[], PosedFrames], steps: int | None = None
     ) -> PosedLandmarks:
-        """Fit a frame and return its landmarks.
+        """Fit the body to one frame and return its landmarks.
 
         Args:
             term: data term of the frame's landmarks.
@@ -100,9 +100,10 @@ class PersonFollower:
         return posed
 
     def deviations(self) -> np.ndarray:
-        """Return the (24,) standard deviation of each joint in metres: ``sqrt(tr(J (H + T)⁻¹ Jᵀ) / 3)``.
+        """Return the standard deviation (24,) of each joint in metres: ``sqrt(tr(J (H + T)⁻¹ Jᵀ) / 3)``.
 
-        H is the Gauss-Newton matrix of the last frame and its prior, and T is the precision of its prediction.
+        H is the Gauss-Newton matrix of the last frame and its prior, T is the precision of the frame's prediction, and
+        J are the derivatives of the joints.
         """
         if self.pose is None or not len(self._precision):
             return np.full(len(self._joints), np.nan)
@@ -125,8 +126,8 @@ class PersonFollower:
     ) -> tuple[PosedFrames, np.ndarray]:
         """Return the pose after some Gauss-Newton steps from the prediction: ``(H + T) δ = -(g + T m)``.
 
-        T is the precision of the prediction, and m is the motion since it. Also return the motion times the share ``H /
-        (H + T)`` that the frame determines, because motion that comes only from the prior must not add speed.
+        T is the precision of the prediction, and m is the motion since it. Also return the part of the motion that the
+        frame determines, with the share ``H / (H + T)``. Motion that comes only from the prior must not add speed.
         """
         objective = FrameObjective((term,), (self._prior,))
         rotations = 3 * (1 + last.local.shape[1])
@@ -144,7 +145,7 @@ class PersonFollower:
         return frame, observed * (ahead + moved)
 
     def _learn_shape(self, term: PointTerm, posed: PosedLandmarks, local: np.ndarray) -> np.ndarray:
-        """Update the shape using one frame's landmarks, and return the pose's step as a tangent.
+        """Update the body shape from one frame's landmarks, and return the step of the pose as a tangent.
 
         ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B`` is the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et
         al. 2000, section 6.1). The gradient w.r.t. the fitted pose is zero.
@@ -178,7 +179,7 @@ _TRUNK = ("C7", "T10", "T4", "LAV", "TRN", "SHO", "FWT", "BWT")  # Endings of th
 
 @dataclass(frozen=True)
 class LiveFrame:
-    """A fitted frame."""
+    """Result of fitting one frame of markers."""
 
     pose: PosedFrames
     landmarks: np.ndarray  # (53, 3) metres: the markers on the body.
@@ -203,7 +204,7 @@ class LiveFit(PersonFollower):
     def step(
         self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
     ) -> LiveFrame:
-        """Fit a frame.
+        """Fit the body to one frame of markers.
 
         Args:
             points: (53, 3) markers in metres, NaN if hidden.
@@ -231,7 +232,7 @@ class LiveFit(PersonFollower):
 
 
 def fit_average_person() -> LiveFit:
-    """Return a fit for the built-in body that learns the shape."""
+    """Create a fit for the built-in body that learns the person's shape."""
     return LiveFit(load_body())
 
 
@@ -243,7 +244,7 @@ UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # Rotat
 
 @dataclass(frozen=True)
 class ViewsFrame:
-    """A fitted frame from several views."""
+    """Result of fitting one frame of several views."""
 
     pose: PosedFrames
     points: np.ndarray  # (L, 3) metres: triangulated keypoints, NaN if fewer than two views agree.
@@ -252,10 +253,10 @@ class ViewsFrame:
 
 
 class LiveViewsFit(PersonFollower):
-    """Live solver for a person in calibrated views."""
+    """Live solver for a person in several calibrated views."""
 
     def __init__(self, body: Body, cameras: Cameras, joint_set: JointSet, betas: np.ndarray | None = None) -> None:
-        """Create a fit of a body to detected keypoints, with the (10,) shape if it is known."""
+        """Create a fit of a body to detected keypoints, with the body shape (10,) if it is known."""
         super().__init__(Subject.average(body, keypoint_landmarks(body, joint_set), np.zeros(0)), betas)
         self.cameras, self.joint_set = cameras, joint_set
         self._sigma_px = SIGMA_PX * float(np.median(cameras.image_size[:, 1])) / LINES
@@ -263,11 +264,11 @@ class LiveViewsFit(PersonFollower):
         self._penalty = LearnedVariances().penalty
 
     def locate(self, xy: np.ndarray, confidence: np.ndarray) -> Triangulation:
-        """Triangulate one frame's keypoints (C, L, 2) in px, NaN where missing."""
+        """Triangulate the keypoints (C, L, 2) of one frame in px, NaN where missing."""
         return triangulate(self.cameras, xy[:, None], confidence[:, None], self._sigma_px)
 
     def step(self, xy: np.ndarray, confidence: np.ndarray, located: Triangulation, dt: float) -> ViewsFrame:
-        """Fit a frame with at least ``FEWEST`` triangulated points (see ``locate``)."""
+        """Fit the body to one frame with at least ``FEWEST`` triangulated points (see ``locate``)."""
         points = np.asarray(located.points)
         keypoints = Keypoints2D(xy[:, None], confidence[:, None], self.joint_set, 1.0)
         sigma = fit_sigma_px(self.cameras, points, np.asarray(located.sigma_px))

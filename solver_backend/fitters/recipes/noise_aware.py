@@ -1,4 +1,4 @@
-"""Estimate each landmark's reliability together with the pose, frame by frame (thesis ch. 5)."""
+"""Estimate the reliability of each landmark together with the pose, frame by frame (thesis ch. 5)."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ ACCEL_M_S2 = 8.0
 
 @dataclass(frozen=True)
 class SteadyLandmarks:
-    """Temporal term that limits the accelerations of landmarks. It is not in the thesis.
+    """Temporal term that limits the accelerations of landmarks. It is not part of the thesis.
 
-    ``E_t = 1/2 sum_l |y_{l,t-1} - 2 y_{l,t} + y_{l,t+1}|² / (a dt²)²``.
-    Section 5.4 names the lack of temporal correlation as the method's limitation.
+    ``E_t = 1/2 sum_l |y_{l,t-1} - 2 y_{l,t} + y_{l,t+1}|² / (a dt²)²`` with ``a = ACCEL_M_S2``. Section 5.4 names the
+    lack of temporal correlation as the method's limitation.
     """
 
     fps: float  # Frames per second.
@@ -43,12 +43,12 @@ class SteadyLandmarks:
 
     @classmethod
     def of(cls, frames: np.ndarray, fps: float, before: np.ndarray, frames_before: np.ndarray) -> SteadyLandmarks:
-        """Create the term for (F,) frames that follow n earlier frames with landmarks."""
+        """Create the term for F frames that follow n earlier frames with known landmarks."""
         follows = np.r_[False, np.diff(np.r_[frames_before, frames]) == 1, False]
         return cls(fps, before, follows[:-1] & follows[1:])
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F,) costs and their gradient (F, L, 3) at (F, L, 3) landmarks."""
+        """Return costs (F,) and their gradient (F, L, 3) at landmarks (F, L, 3)."""
         y, n = np.concatenate([self.before, points]), len(self.before)
         bend, gradient = np.zeros((2, *y.shape))
         if len(y) > 2:
@@ -64,7 +64,7 @@ class SteadyLandmarks:
 
 @dataclass(frozen=True)
 class LandmarkFit:
-    """Fixed quantities in a fit of F poses, with landmarks at their layout's positions."""
+    """Person, prior and measurements in a fit of F poses, with landmarks at their layout's positions."""
 
     subject: Subject
     prior: GaussianVAE
@@ -82,20 +82,20 @@ class LandmarkFit:
         return replace(self, start=self.start.select(frames), points=self.points[frames], seen=self.seen[frames])
 
     def unknowns(self, loss: LandmarkLoss) -> np.ndarray:
-        """Return the (F, 38 + n) initial unknowns."""
+        """Return the initial unknowns (F, 38 + n), where n belong to the loss."""
         unknowns = np.zeros((len(self.seen), self.layout.dof + loss.unknowns(self.seen.shape[1])))
         unknowns[:, self.layout[CODE]], unknowns[:, self.layout[TRANSL]] = self.start.z, self.start.transl
         return unknowns
 
     def states(self, x: np.ndarray) -> FrameStates:
-        """Return the states for (F, 38 or more) unknowns."""
+        """Convert unknowns (F, 38 or more) to states."""
         code, root, transl = (x[:, self.layout[name]] for name in (CODE, ROOT, TRANSL))
         return FrameStates(code, exp_so3(root) @ self.start.root, transl)
 
     def evaluate(
         self, x: np.ndarray, loss: LandmarkLoss, steady: SteadyLandmarks | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the (F,) costs without the shape prior, and their gradients w.r.t. unknowns and shape.
+        """Return the costs (F,) without the shape prior, and their gradients w.r.t. unknowns and body shape.
 
         ``steady`` limits the landmarks' accelerations in these frames.
         """
@@ -119,7 +119,7 @@ class LandmarkFit:
         return cost, np.concatenate([by_code, by_root, by_transl, found.by_own], axis=1), by_betas
 
     def scale(self, loss: LandmarkLoss) -> np.ndarray:
-        """Return the (F, 38 + n) estimates of the inverse second derivatives at the start."""
+        """Estimate the inverse second derivatives (F, 38 + n) of the cost at the start."""
         local, by_code = self.prior.decode_with_jacobian(self.start.z)
         placed = pose(self.subject, PosedFrames(self.start.root, local, self.start.transl), jacobian=True)
         assert placed.by_rotations is not None
@@ -132,7 +132,7 @@ class LandmarkFit:
         return 1.0 / np.concatenate([by_latent, by_root, by_transl + 1.0, own], axis=1)
 
     def fit_poses(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[FrameStates, QuasiNewtonResult]:
-        """Fit every frame independently, with a fixed shape."""
+        """Fit the pose in every frame independently, with a fixed body shape."""
 
         def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             return self.select(problems).evaluate(x, loss)[:2]
@@ -143,7 +143,7 @@ class LandmarkFit:
     def fit_motion(
         self, loss: LandmarkLoss, steady: SteadyLandmarks, settings: QuasiNewtonSettings
     ) -> tuple[FrameStates, QuasiNewtonResult]:
-        """Fit all frames together, with a fixed shape and limited accelerations of the landmarks."""
+        """Fit the poses of all frames together, with a fixed body shape and limited accelerations of the landmarks."""
         shape = self.unknowns(loss).shape
 
         def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -155,7 +155,7 @@ class LandmarkFit:
         return self.states(found.x.reshape(shape)), found
 
     def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, FrameStates]:
-        """Fit the shape and the poses in all frames together. The loss must not have unknowns."""
+        """Fit body shape and poses in all frames together. The loss must not have unknowns."""
         frames, betas = len(self.seen), self.subject.betas
         parts = frames * self.layout.dof
 
@@ -193,7 +193,7 @@ def solve_noise_aware(
     *,
     loss: LandmarkLoss = LearnedVariances(),
 ) -> MethodResult:
-    """Minimise thesis eq. 5.8 in two stages (5.2.3), and fill in unobserved frames.
+    """Minimise thesis eq. 5.8 in two stages (5.2.3), and interpolate unobserved frames.
 
     First, shape, poses and translations are fitted with fixed variances. The shape uses only ``SHAPE_FRAMES`` frames.
     Then the shape is kept, and poses, translations and log-variances of each landmark and frame (``loss``) are fitted.
