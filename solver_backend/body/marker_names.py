@@ -132,7 +132,7 @@ def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
 
 
 def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
-    """Return a name's locations by its words, or by a listed name with a separate side."""
+    """Return the locations of a name that may mark its side with ``letters``. Results are cached."""
     known = file.places_read
     if (name, letters) not in known:
         if len(known) >= MOST_READ:
@@ -311,7 +311,10 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
 
 
 def _parts(bare: Mapping[str, str]) -> dict[str, str]:
-    """Return each label's location, without its side, on the limb that other labels name."""
+    """Return the location, without side, of each label whose location is clear.
+
+    A label with several possible locations takes the one that is on a limb that other labels name.
+    """
     words, there = load_layouts().words, set(bare.values())
     several: dict[str, tuple[str, ...]] = {}
     for label, name in bare.items():

@@ -68,7 +68,7 @@ def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "t
 
 
 def _skinned(xp: Any, weights: Array, transforms: Array, rest: Array) -> Array:
-    """Skin the points ``rest`` (f or 1, V, 3) with the transforms (f, J, 3, 4) of f frames, and return (f, V, 3)."""
+    """Skin the points ``rest`` (F or 1, V, 3) with the joint transforms (F, J, 3, 4). Return (F, V, 3) points."""
     blend = xp.matmul(weights, xp.reshape(transforms, (*transforms.shape[:2], 12)))
     blend = xp.reshape(blend, (*blend.shape[:2], 3, 4))
     return xp.sum(blend[..., :3] * rest[..., None, :], axis=-1) + blend[..., 3]

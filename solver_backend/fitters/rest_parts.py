@@ -326,7 +326,7 @@ def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
 
 
 def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tuple[str, ...]:
-    """Return the parts that none of the located landmarks informs."""
+    """Return the parts whose pose no located landmark determines."""
     once, offsets = np.ones(1, dtype=bool), np.zeros((len(landmarks), 3))
     return tuple(resting_shares(body, landmarks, offsets, located[None], once, 1.0).rest)
 

@@ -160,7 +160,7 @@ def find_skin_contacts(
         frames: F solved poses.
         points: (F, L, 3) landmarks in these poses in metres.
         world: the floor, with or without objects.
-        told: contacts that the user added or removed, which always win.
+        told: contacts that the user added or removed, which take precedence.
         fixed: (F,) bool, frames that do not move.
         detects: False to use only contacts that the user added.
     """

@@ -100,7 +100,7 @@ _OWN |= {name: _on_cpu(getattr(np, name)) for name in ("arange", "empty", "eye",
 
 
 class NumpyNamespace:
-    """NumPy's functions, where the array API standard's names and signatures take precedence."""
+    """NumPy with the names and signatures of the array API standard."""
 
     def __init__(self) -> None:
         self.__dict__.update(_OWN)

@@ -44,10 +44,10 @@ class Obstacles:
         return replace(self, planes=self.planes[1:])
 
     def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signed distances (...) of points (..., 3) from the nearest obstacle, and its normals (..., 3).
+        """Return the signed distances (...) in metres of points (..., 3) from the nearest obstacle, and its normals.
 
-        Distances are negative inside. More than ``reach`` from every mesh, the distance is the distance from the
-        planes, or infinite without planes. A point is inside a mesh if the nearest triangle faces away from it. If
+        Distances are negative inside. Meshes farther than ``reach`` are ignored. If no mesh is in reach and there are
+        no planes, the distance is infinite. A point is inside a mesh if the nearest triangle faces away from it. If
         several triangles are equally near, the one most perpendicular to the connecting line decides.
         """
         flat = points.reshape(-1, 3)

@@ -160,7 +160,7 @@ def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
 
 
 def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
-    """Add the fitted points to a line as ``cloud`` and ``cloud_off_mm``, and to a pose also ``sigma_mm``."""
+    """Add fitted points with distances, and joint deviations if there is a pose, to an output line for the display."""
     if session.shown is None:
         return line
     line = {**line, "cloud": session.shown.round(4).tolist(), "cloud_off_mm": millimetres(session.shown_off_m)}

@@ -29,7 +29,7 @@ _FEWEST = 2  # Minimum number of visible keypoints in a pair that can be swapped
 
 
 class ExchangedSides:
-    """Correction for limb pairs whose sides the detector swapped."""
+    """Correction for limb pairs whose left and right the detector swapped."""
 
     def __init__(self, names: Sequence[str]) -> None:
         rows = {name: row for row, name in enumerate(names)}

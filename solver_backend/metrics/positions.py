@@ -81,11 +81,9 @@ def rmse_mm(found: Points, truth: Points) -> float:
 
 
 def pa_mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the mean distance in mm after aligning each frame to the truth by a similarity (PA-MPJPE).
+    """Return the mean distance in mm after aligning each frame to the truth by a similarity (PA-MPJPE, Umeyama 1991).
 
     Points (..., N, 3) missing on either side are excluded, and frames with fewer than three common points too.
-    Reference:
-    Umeyama 1991 (the alignment).
     """
     found, truth = same_shape(found, truth, POINTS)
     found, truth = found.reshape(-1, *found.shape[-2:]), truth.reshape(-1, *truth.shape[-2:])
@@ -243,7 +241,7 @@ def frechet_distance(generated: Features, real: Float[np.ndarray, "others featur
 def diversity(features: Features, seed: int) -> float:
     """Return the diversity (DIV): the mean distance between random pairs of (N, D) features.
 
-    One half is paired with the other half. The thesis (eqs. 4.31, 6.12) pairs 526 and 526 generated poses.
+    One half is paired with the other half, as in the thesis (eqs. 4.31, 6.12) with 1,052 generated poses.
 
     Raises:
         ShapeMismatch: the features are not an (N, D) array, or contain NaN.

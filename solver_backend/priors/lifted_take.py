@@ -153,7 +153,7 @@ def _lifted_twice(
 ) -> LiftedView:
     """Lift a view and its mirror image, and return the mean, because their errors are partly independent.
 
-    If the two people face opposite directions in a frame, the mean would face sideways. The view alone is then used.
+    If the two poses face opposite directions in a frame, the mean would face sideways. The view alone is then used.
     """
     lifter, sposer, columns = load_view_lifter(), load_sposer(), list(joint_set.mirrored(image.shape[1]))
     image, confidence = bridge_gaps(image, confidence, round(BRIDGED_S * fps))

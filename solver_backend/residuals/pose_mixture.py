@@ -106,7 +106,7 @@ class PoseMixtureTerm:
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the cost at (F, J, 3, 3) rotations with its derivatives, and (F, K) factors for the Hessian.
 
-        ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)`` with posterior weights r_k, plus Q x, and ``dx = J_l(x)⁻¹ δ``.
+        ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)`` with posterior weights r_k, plus Q x. ``dx = J_l⁻¹ δ``, δ a left step.
         """
         xp = array_namespace(local)
         mixture, count = self.mixture, local.shape[0]

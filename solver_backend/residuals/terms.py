@@ -50,7 +50,7 @@ class PointTerm(FrameTerm, Protocol):
     """Term of the objective that depends on landmark positions."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the cost at (F, L, 3) positions with its derivatives, at a robust ``scale`` in deviations."""
+        """Return cost and derivatives at (F, L, 3) positions, for a robust ``scale`` in standard deviations."""
         ...
 
 

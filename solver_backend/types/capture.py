@@ -43,7 +43,7 @@ UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an undetected poi
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Stack several people's hands along a new axis, with NaN for people without. Return None if all have none."""
+    """Stack several people's hands along a new axis, with NaN for missing hands. Return None if all are missing."""
     like = next((hand for hand in hands if hand is not None), None)
     if like is None:
         return None

@@ -20,7 +20,7 @@ _SIMPLE_DTYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|[SU]\d{1,4})")
 
 
 class Damage(ValueError):
-    """Error in a pickle that is inconsistent. It becomes an error for the user."""
+    """Inconsistency in a pickle. Callers report it to the user as an invalid body file."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class UnbuiltArray:
 
 
 def finished(value: Any) -> Any:
-    """Replace a filled array, or filled arrays in a dictionary, by NumPy arrays."""
+    """Return the filled array's values. In a dictionary, replace each such array by its values."""
     if isinstance(value, UnbuiltArray):
         if value.values is None:
             raise Damage("an array has no values")
@@ -148,7 +148,7 @@ class Dialect:
 
 
 class Machine:
-    """Interpreter for one pickle. Objects of the dotted ``classes`` become placeholders, and no code is run."""
+    """Interpreter for one pickle. Objects of the ``classes`` (dotted names) become placeholders, and no code is run."""
 
     def __init__(
         self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None

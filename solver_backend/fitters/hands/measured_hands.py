@@ -141,7 +141,7 @@ class LocatedHand:
 
 
 def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
-    """Triangulate each hand that two views show, and estimate the noise of its detections."""
+    """Triangulate the hands in every other frame in which two views show a hand, and estimate their noise."""
     both = views.xy.shape[2] * NUM_HAND_POINTS
     xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
     confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)

@@ -145,7 +145,7 @@ def lost_landmarks(
 
 
 def roughness(points: np.ndarray) -> np.ndarray:
-    """Return the largest second difference (F, L) of points (F, L, 3) in metres, within one frame.
+    """Return second differences of points (F, L, 3) in metres: (F, L) maxima over a frame and its neighbours.
 
     ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|``, or 0 where unknown.
     """

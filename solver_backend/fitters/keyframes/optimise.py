@@ -139,7 +139,7 @@ class Chunk:
 
     @property
     def beyond(self) -> tuple[bool, bool]:
-        """True if additional windows are solved before, and after, the kept ones."""
+        """Whether windows before the kept ones, and windows after them, are also solved."""
         return self.solved.start < self.kept.start, self.solved.stop > self.kept.stop
 
 

@@ -335,7 +335,7 @@ def record_of(
 
 
 def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> MarkerSubject:
-    """Add a marker that is attached to a bone to a person's record."""
+    """Add a marker on a bone to a person's record."""
     return replace(
         person,
         labels=(*person.labels, label),

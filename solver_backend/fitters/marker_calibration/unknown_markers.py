@@ -86,7 +86,7 @@ _MEDIAN_LENGTH = 1.54  # Median length of a three-dimensional Gaussian, in stand
 
 @dataclass(frozen=True)
 class Attachment:
-    """Attachment of a marker to a bone."""
+    """Bone that a marker moves with, and the marker's offset from it."""
 
     place: str  # ``@`` and the name of the bone's joint.
     offset: np.ndarray  # (3,) metres from the joint, in the bone's axes at rest.

@@ -129,7 +129,7 @@ class LocatedPoints(_Points):
 
     @property
     def knows_floor(self) -> bool:
-        """False, because a laboratory may define zero height differently, and shoes have soles."""
+        """Always False, because a laboratory may define zero height differently, and shoes have soles."""
         return False
 
     @property

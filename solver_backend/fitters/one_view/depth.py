@@ -121,7 +121,7 @@ SEEN_BEFORE_S = 0.2  # A keypoint's last position is used for this number of sec
 def restore_sides(
     camera: str, keypoints: Keypoints2D, but: Collection[str] = ()
 ) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Undo swapped limbs in one view's detections, except for the parts ``but``, and report them."""
+    """Undo swapped limbs in one view's detections, except on the limbs ``but``, and report them."""
     names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
     seen, found = confidence > 0, list[Diagnostic]()
     for part, names_of in LIMBS.items():
@@ -299,7 +299,7 @@ class OneCamera(PointSource):
         return FrameObjective(self.floor, relative=(self.lifted,))
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Estimate the person's size from the solved poses, if feet on a calibrated floor show it.
+        """Return the problem with a person's size from the solved poses, if feet on a calibrated floor show it.
 
         Detections and planted feet correct lifted poses, for example legs that are bent too little.
         """

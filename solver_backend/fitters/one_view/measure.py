@@ -48,7 +48,7 @@ AT_ODDS_SIGMAS = 3.0  # Number of deviations at which the floor contradicts a gi
 
 @dataclass(frozen=True)
 class Size:
-    """Body shape and size of a person whom one camera shows."""
+    """Body shape and size of a person in a single camera's view."""
 
     betas: np.ndarray  # (10,)
     sigma: float  # Relative standard deviation of the size if the pose is exact.
@@ -272,14 +272,20 @@ def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
 
 
 def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera: np.ndarray) -> np.ndarray:
-    """Return the covariances (F, L, 3, 3) of lifted points: ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ``."""
+    """Return the covariances (F, L, 3, 3) of lifted points: ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ``.
+
+    a and l are deviations across and along the line of sight d, s is the size's, and p points from the camera.
+    """
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (sigma[..., k, None, None] ** 2 for k in (0, 1))
     return across * (np.eye(3) - along) + deep * along + size**2 * from_camera[..., :, None] * from_camera[..., None, :]
 
 
 def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Return the precisions (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``, divided among the landmarks of each joint."""
+    """Return the precisions (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``, divided among the landmarks of each joint.
+
+    Symbols: see ``_covariances``.
+    """
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (1.0 / sigma[..., k, None, None] ** 2 for k in (0, 1))
     shared = np.bincount(joint, minlength=len(SMPL_JOINTS))[joint]

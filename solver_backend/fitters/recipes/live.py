@@ -147,8 +147,9 @@ class PersonFollower:
     def _learn_shape(self, term: PointTerm, posed: PosedLandmarks, local: np.ndarray) -> np.ndarray:
         """Update the body shape from one frame's landmarks, and return the step of the pose as a tangent.
 
-        ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B`` is the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et
-        al. 2000, section 6.1). The gradient w.r.t. the fitted pose is zero.
+        ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B`` is the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β``, where W is
+        the landmarks' information, and B and J their derivatives w.r.t. shape and pose (Triggs et al. 2000, section
+        6.1).
         """
         assert posed.by_rotations is not None and posed.by_betas is not None
         found = term(posed.points, ROBUST_SCALE)
