@@ -266,7 +266,7 @@ class SolvedFrames:
     contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot are planted, if the method detects it.
     touches: np.ndarray | None = None  # (F, 11) bool: parts on the floor (``CONTACT_PARTS``), None if only feet are.
     fitted: PosedFrames | None = None  # Poses that fit the measurements, before parts were put at rest. None if equal.
-    resting: np.ndarray | None = None  # (F, J) bool: joints at rest without measurements, None if all are informed.
+    resting: np.ndarray | None = None  # (F, J) bool: joints at rest without measurements, None if there are none.
     diagnostics: tuple[Diagnostic, ...] = ()  # For the motion.
 
     def noting(self, found: Iterable[Diagnostic]) -> SolvedFrames:

@@ -261,13 +261,14 @@ LEADS: dict[str, tuple[str, float]] = {
         for side in ("left", "right")
     },
 }
-"""Joint that poses each part in ``PARTS``, and smallest lever in metres of an informative landmark. The waist markers
-have 53 mm about the lowest spine joint, C7 has 31 mm about the neck, and the acromion 34 mm about the shoulder."""
-HOLD_S, FADE_S = 0.5, 0.5  # Seconds that an uninformed part follows the fit, and seconds of its transition to rest.
+"""Joint that poses each part in ``PARTS``, and smallest lever in metres of a landmark that determines it. The waist
+markers have 53 mm about the lowest spine joint, C7 has 31 mm about the neck, and the acromion 34 mm about the shoulder.
+"""
+HOLD_S, FADE_S = 0.5, 0.5  # Seconds that an undetermined part follows the fit, and seconds of its transition to rest.
 UNKNOWN_S = 0.5
-"""Time in seconds after the informed frames in which a part's deviation rises to the resting deviation. Arms have
-errors of 29 to 242 mm after 0.5 s without markers (CMU, UI-PRMD), but the fit states 14 to 26 mm. The fit is still
-better than the rest pose."""
+"""Seconds after a part's landmarks disappear in which its deviation rises to the resting deviation. Arms have errors of
+29 to 242 mm after 0.5 s without markers (CMU, UI-PRMD), but the fit states 14 to 26 mm. The fit is still better
+than the rest pose."""
 
 
 BETWEEN = 0.4
@@ -277,7 +278,7 @@ errors of 40 to 175 mm per axis, but the fit states 8 to 22. In a gap of 0.1 s, 
 
 @dataclass(frozen=True)
 class PartShares:
-    """Weights (F,) from 0 to 1 for each part that landmarks do not inform in some frame."""
+    """Weights (F,) from 0 to 1 for each part that is undetermined in some frame."""
 
     rest: dict[str, np.ndarray]  # Weight of the rest pose.
     spread: dict[str, np.ndarray]  # Smallest weight of the resting variance.
@@ -292,13 +293,13 @@ def resting_shares(
     fps: float,
     pinned: Sequence[int] = (),
 ) -> PartShares:
-    """Return the weights of the rest pose and of the resting variance for uninformed parts.
+    """Return the weights of the rest pose and of the resting variance for undetermined parts.
 
-    A landmark informs a part if its lever about the part's first joint is at least the lever in ``LEADS``. The weight
-    of the rest pose is ``3 u² - 2 u³``. u rises from 0 to 1 within ``FADE_S``, beginning ``HOLD_S`` after the last
-    informed frame. The weight of the variance is the square of time over ``UNKNOWN_S`` before the first and after the
-    last informed frame. Between informed frames, it is the third power, at most ``BETWEEN``. Frames outside ``seen``
-    (F,) do not place the body and are interpolated. ``pinned`` frames inform every part.
+    A landmark determines a part if its lever about the part's first joint is at least the lever in ``LEADS``. The
+    weight of the rest pose is ``3 u² - 2 u³``. u rises from 0 to 1 within ``FADE_S``, beginning ``HOLD_S`` after the
+    last frame that determines the part. The weight of the variance is the square of time over ``UNKNOWN_S`` before the
+    first and after the last such frame. Between such frames, it is the third power, at most ``BETWEEN``. Frames outside
+    ``seen`` (F,) do not place the body and are interpolated. ``pinned`` frames determine every part.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
     frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})
@@ -321,7 +322,7 @@ def resting_shares(
 
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
-    """Return the parts that the measurements do not inform in any frame, for landmarks without offsets."""
+    """Return the parts that the measurements do not determine in any frame, for landmarks without offsets."""
     return parts_without(body, measurements.landmarks, measurements.located.any(axis=0))
 
 
@@ -352,7 +353,7 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 
 
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
-    """Put the uninformed parts of the poses at rest. Return the same object if all parts are informed.
+    """Put undetermined parts of the poses at rest. Return the same object if all parts are determined.
 
     ``pinned`` are frames with a pose that the user set.
     """
@@ -365,7 +366,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     if not spread and not assumed:
         return solved
     below = {part: _below(layout, part) for part in spread}
-    if not shares and not assumed:  # every part is informed, though some not to the take's ends
+    if not shares and not assumed:  # every part is determined, though some not to the take's ends
         return replace(solved, covariance=_spread_out(solved, measurements.fps, layout, below, spread))
     where, sigma_m = assumed_places(assumed, {name for part in shares for name in below[part]})
     local = to_numpy(frames.local)

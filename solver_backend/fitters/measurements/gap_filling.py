@@ -104,8 +104,7 @@ def filled(
 ) -> np.ndarray:
     """Fill the gaps of markers (F, M, 3) with the weighted mean of two predictions.
 
-    The first prediction is the marker y on the body, corrected to match the measurements at both ends a and b of the
-    gap:
+    The first prediction is the marker y on the body, corrected at both ends a and b of the gap:
     ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)``. The errors
     ``d = B⁻¹ (x - y)`` at the ends are in the axes B of the marker's bones. This is the mean of an Ornstein-Uhlenbeck
     process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. τ is estimated from the take.
