@@ -44,6 +44,16 @@ class Detections:
         """Number of frames."""
         return self.xy.shape[1]
 
+    @property
+    def starts(self) -> np.ndarray:
+        """(C,) number of each camera's first frame."""
+        return np.array(self.first_frames or [self.first_frame] * len(self.cameras))
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(C,) number of each camera's frames."""
+        return np.array(self.lengths or [self.num_frames] * len(self.cameras))
+
     def people(self) -> np.ndarray:
         """Return the (C, F) number of people detected in each view and frame."""
         return (self.confidence > 0).any(axis=-1).sum(axis=-1)

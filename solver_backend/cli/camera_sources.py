@@ -23,7 +23,7 @@ from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.calibration.search import levels_above
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources, read_config
-from solver_backend.io.footage import find_footage, headers
+from solver_backend.io.footage import find_footage, read_video_header
 from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
@@ -112,7 +112,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
     config = read_config(levels)
     detections = read_detections(sources, configured=config.joint_set, trim=args.trim, progress=progress)
     names = tuple(sources)
-    videos = headers(find_footage(levels[:2], names))
+    videos = [read_video_header(path) for path in find_footage(levels[:2], names)]
     fps = args.fps or config.fps or next((v.fps for v in videos if v is not None), 60.0)
     keypoints = person_session.main_person(detections, fps)
     if args.lenses is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 import struct
 from collections.abc import Iterable, Iterator, Sequence
@@ -37,11 +36,13 @@ class VideoHeader:
     size: tuple[int, int]  # Stored width and height in pixels after rotation, as OpenCV and most detectors read them.
 
 
-def read_video_header(path: Path) -> VideoHeader | None:
-    """Read the header of the first video track. Return None if there is none.
+def read_video_header(path: Path | None) -> VideoHeader | None:
+    """Read the header of the first video track. Return None without a file or a track.
 
     ``fps = timescale * Σ count / Σ (count * duration)`` over the table of sample durations (ISO/IEC 14496-12, stts).
     """
+    if path is None:
+        return None
     with suppress(*_UNREADABLE), open_regular(path) as stream:
         return _video_track(memoryview(_top_level_box(stream, b"moov") or b""))
     return None
@@ -147,11 +148,6 @@ def footage_in(folder: Path) -> dict[tuple[str, ...], Path]:
         elif path.is_dir() and any(item.suffix.lower() in IMAGES for item in path.iterdir()):
             found.setdefault(name_key(path.name), path)
     return found
-
-
-def headers(footage: Sequence[Path | None]) -> list[VideoHeader | None]:
-    """Read the header of each video. The result is None for missing and unreadable videos."""
-    return [read_video_header(path) if path is not None and os.path.isfile(path) else None for path in footage]
 
 
 def with_sizes_of(

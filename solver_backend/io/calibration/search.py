@@ -109,14 +109,19 @@ def find_calibration(
     for folder in _folders(root):
         inner = holds_cameras(folder) or folder.name == _OPENCAP
         found, errors = calibrations_in(folder, unit=unit, up_axis=up_axis, nested=inner)
-        found = _of_take(root, folder, found)
+        if len(found) > 1:
+            found = _of_take(root, folder, found)
         orders = [match_names(called, calibration.cameras.names) for calibration in found]
         named = [(calibration, order) for calibration, order in zip(found, orders, strict=True) if order is not None]
         if named:
-            chosen = _best_of([ordered(*pair, recorded) for pair in named], agreement)
-            if len(named) > 1 or by_views is None or agreement is None or names:
-                return chosen
-            return _others_of_more(*named[0], chosen, recorded, by_views, agreement)
+            fitting = [ordered(*pair, recorded) for pair in named]
+            if agreement is None:
+                return fitting[0]
+            if len(fitting) > 1:
+                return _best_of(fitting, agreement)
+            if by_views is None or names:
+                return fitting[0]
+            return _others_of_more(*named[0], fitting[0], recorded, by_views, agreement)
         others += found
         # A damaged file in a calibration folder is a damaged calibration. Elsewhere it may be anything.
         meant = is_calibration_folder(folder)
@@ -192,9 +197,7 @@ def _assigned_by_views(found: Calibration, recorded: Sequence[str], **calibrated
     return replace(found, problems=(*found.problems, assigned))
 
 
-def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float] | None) -> Calibration:
-    if len(found) == 1 or agreement is None:
-        return found[0]
+def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float]) -> Calibration:
     shares = [agreement(calibration.cameras) for calibration in found]
     best = max(range(len(found)), key=shares.__getitem__)
     if shares[best] - shares[0] < CLEARLY_BETTER:
@@ -217,7 +220,7 @@ def _folders(root: Path) -> Iterator[Path]:
 
 def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibration]:
     """Return the calibrations that AIST++'s mapping lists for the recorded take, or all calibrations."""
-    if len(found) < 2 or not (folder / _MAPPING).is_file():
+    if not (folder / _MAPPING).is_file():
         return found
     rows = (line.split() for line in read_text(folder / _MAPPING, LARGEST_TEXT).splitlines())
     takes = {root.name, *(path.stem for path in root.iterdir())}

@@ -65,10 +65,9 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
         NotSynchronised: synchronisation is required, and the views confirm no offset.
         FrameCountMismatch: the frame numbers differ, and nothing shows which frames are simultaneous.
     """
-    numbered = _numbered(detections, options)
+    numbered = detections.starts[0] - detections.starts
     given = _given_offsets(detections.cameras, options.offset)
-    if given is not None or options.sync == SYNC_OFF:
-        given = np.zeros_like(numbered) if given is None else given
+    if options.offset or options.sync == SYNC_OFF:
         notes = (
             diagnostic("start_given", cameras=[name], size=abs(by), direction=_direction(by))
             for name, by in _named(detections, given)
@@ -125,18 +124,11 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     return replace(cut, keypoints=moved[solved], people=people, footage_first=tuple(pictures))
 
 
-def as_numbered(detections: Detections, options: ReadOptions) -> Detections:
+def as_numbered(detections: Detections) -> Detections:
     """Return the detections with rows aligned by frame number."""
-    offsets = _numbered(detections, options)
-    lengths = _lengths(detections)
-    first, stop = common_rows(offsets, lengths)
+    offsets = detections.starts[0] - detections.starts
+    first, stop = common_rows(offsets, detections.counts)
     return align_rows(detections, offsets, first, stop) if stop > first else detections
-
-
-def _numbered(detections: Detections, options: ReadOptions) -> np.ndarray:
-    """Return (C,) camera offsets in frames that follow from the frame numbers."""
-    firsts = np.array(detections.first_frames or [detections.first_frame] * len(detections.cameras))
-    return np.zeros(len(firsts), int) if options.by_order else firsts[0] - firsts
 
 
 def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:
@@ -150,14 +142,10 @@ def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, op
         out = list(found.doubtful)
         names = [detections.cameras[c] for c in out]
         problems.append(diagnostic("start_left_out", cameras=names, remedy=Remedy.EXCLUDED))
-        confidence, lengths = detections.confidence.copy(), _lengths(detections)
+        confidence, lengths = detections.confidence.copy(), detections.counts
         confidence[out], lengths[out] = 0.0, 0
         detections = replace(detections, confidence=confidence, lengths=tuple(lengths.tolist()))
     return _aligned(detections, found.offsets, options, *problems)
-
-
-def _lengths(detections: Detections) -> np.ndarray:
-    return np.array(detections.lengths or [detections.num_frames] * len(detections.cameras))
 
 
 def _doubt(detections: Detections, found: CameraStarts) -> Diagnostic:
@@ -173,8 +161,7 @@ def _aligned(detections: Detections, offsets: np.ndarray, options: ReadOptions, 
     """Return the simultaneous rows of the detections at the given offsets."""
     if not detections.first_frames and not (offsets - offsets[0]).any():
         return InTime(detections, (), found)
-    lengths = _lengths(detections)
-    first, stop = common_rows(offsets, lengths, every=options.trim)
+    first, stop = common_rows(offsets, detections.counts, every=options.trim)
     if stop <= first:
         raise different_frames(_spans(detections), "With these offsets no two cameras recorded at the same time.")
     rows = tuple(int(first + offset) for offset in offsets)
@@ -183,17 +170,16 @@ def _aligned(detections: Detections, offsets: np.ndarray, options: ReadOptions, 
     return InTime(align_rows(detections, offsets, first, stop), rows, (*found, kept))
 
 
-def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray | None:
-    """Return (C,) delays in frames that the user gives. None if the user gives none."""
-    given = offsets_by_camera(texts)
+def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray:
+    """Return the (C,) delays in frames that the user gives. A camera without one has the delay 0."""
     late = np.zeros(len(cameras), int)
     keys = [name_key(name) for name in cameras]
-    for name, frames in given.items():
+    for name, frames in offsets_by_camera(texts).items():
         same = [c for c, camera in enumerate(cameras) if camera == name or keys[c] == name_key(name)]
         if len(same) != 1:
             raise JobInvalid(f"Unknown camera '{name}'.", where="offset", hint=f"The cameras are {listing(cameras)}.")
         late[same[0]] = frames
-    return late if given else None
+    return late
 
 
 def _named(detections: Detections, late: np.ndarray) -> list[tuple[str, int]]:
@@ -205,9 +191,8 @@ def _direction(frames: int) -> str:
 
 
 def _spans(detections: Detections) -> dict[str, tuple[int, int]]:
-    firsts = detections.first_frames or (detections.first_frame,) * len(detections.cameras)
-    lasts = [first + length - 1 for first, length in zip(firsts, _lengths(detections).tolist(), strict=True)]
-    return dict(zip(detections.cameras, zip(firsts, lasts, strict=True), strict=True))
+    lasts = detections.starts + detections.counts - 1
+    return dict(zip(detections.cameras, zip(detections.starts.tolist(), lasts.tolist(), strict=True), strict=True))
 
 
 OTHER_RATE = 0.01  # Smallest relative difference of unequal frame rates. 59.94 counts as 60.
@@ -333,10 +318,10 @@ def bring_to_agreement(
     ratios, stated = np.ones(files.count), stated_ratios(rates, fps)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     if searched and (stated == 1).all():
-        relative = rates_by_length(calibration.cameras, detections, as_numbered(detections, options))
+        relative = rates_by_length(calibration.cameras, detections, as_numbered(detections))
         ratios, is_open = of_the_take(relative)
         files = files.at_rates(ratios, fps, is_open=is_open and options.fps is None)
-    numbered = replace(files, detections=as_numbered(files.detections, options))
+    numbered = replace(files, detections=as_numbered(files.detections))
     found = None if options.as_calibrated else numbered.explained(options)
     settled = found is not None and (found.agrees or found.changed) and not found.reading.is_of_one_camera
     if found is not None and settled:

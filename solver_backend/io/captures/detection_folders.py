@@ -25,7 +25,7 @@ from solver_backend.io.captures.agreement import as_numbered, bring_to_agreement
 from solver_backend.io.detections.named_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import TrialConfig, camera_sources, listed_paths, read_config
-from solver_backend.io.footage import VideoHeader, find_footage, headers, with_sizes_of
+from solver_backend.io.footage import VideoHeader, find_footage, read_video_header, with_sizes_of
 from solver_backend.io.interpretation import interpret_rate
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.confidence import in_pixels
@@ -62,10 +62,13 @@ def _read(root: Path, options: ReadOptions) -> Capture:
             configured=config.joint_set,
             trim=options.trim,
             apart=reads_apart(options),
+            by_order=options.by_order,
             own=find_own_keypoints(levels),
             progress=options.progress,
         )
 
+    footage = find_footage(levels[:2], tuple(sources))
+    videos = [read_video_header(path) for path in footage]
     guessed = False
     try:
         calibration = find_calibration(
@@ -74,18 +77,15 @@ def _read(root: Path, options: ReadOptions) -> Capture:
             unit=options.unit,
             up_axis=options.up_axis,
             names=calibrated_names(options.camera),
-            by_views=lambda cameras, by_order: assigned_by_views(cameras, as_numbered(read(), options), by_order),
-            agreement=lambda cameras: agreement_share(cameras, as_numbered(read(), options)),
+            by_views=lambda cameras, by_order: assigned_by_views(cameras, as_numbered(read()), by_order),
+            agreement=lambda cameras: agreement_share(cameras, as_numbered(read())),
         )
     except CalibrationMissing:
         if len(sources) > 1:
             raise
         guessed = True
-        calibration = _assumed_camera(root, read(), headers(find_footage(levels[:2], tuple(sources)))[0])
-    detections = read()
-    footage = find_footage(levels[:2], tuple(sources))
-    videos = headers(footage)
-    detections = in_pixels(detections, calibration.cameras.image_size)
+        calibration = _assumed_camera(root, read(), videos[0])
+    detections = in_pixels(read(), calibration.cameras.image_size)
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
     stated = [None if header is None else header.fps for header in videos]

@@ -43,6 +43,7 @@ def read_detections(
     configured: JointSet | None = None,
     trim: bool = False,
     apart: bool = False,
+    by_order: bool = False,
     own: OwnKeypoints | None = None,
     progress: Progress = silent,
 ) -> Detections:
@@ -54,6 +55,7 @@ def read_detections(
         configured: joint set in the recording's settings. It is ignored if the keypoints clearly contradict it.
         trim: keep only the frames that all cameras have.
         apart: read each camera from its first to its last frame, even if these differ between cameras.
+        by_order: count the frames of each camera from 0.
         own: meanings of user-defined keypoint names.
         progress: called with the number of frames read.
 
@@ -70,6 +72,8 @@ def read_detections(
     counted = counted_together([frames.numbers for frames in cameras])
     if counted is not None:
         cameras = [replace(frames, numbers=numbers) for frames, numbers in zip(cameras, counted, strict=True)]
+    if by_order:
+        cameras = [replace(frames, numbers=frames.numbers - frames.numbers[0]) for frames in cameras]
     spans = {name: (int(f.numbers[0]), int(f.numbers[-1])) for name, f in zip(sources, cameras, strict=True)}
     apart = apart and len(set(spans.values())) > 1
     if not apart:

@@ -26,7 +26,7 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.marker_up_axis import METRES
-from solver_backend.types import Cameras, JointSet
+from solver_backend.types import JointSet
 from solver_backend.types.shapes import Float
 
 SHARES = {
@@ -154,22 +154,17 @@ _UNITS = ("m", "cm", "mm", "inch")
 board or in units of structure from motion."""
 
 
-def stature_between(cameras: Cameras, detections: Detections) -> float:
-    """Return the main person's stature in the cameras' unit, or NaN if the views do not agree."""
-    evidence, written = TakeEvidence(cameras, detections), Reading.as_written(len(cameras))
-    if evidence.views < 2 or not evidence.poses or not np.ptp(cameras.centres, axis=0).any():
-        return float("nan")
-    related = bool(evidence.noise([written]).is_related[0])
-    return judge_body(evidence, written).height if related else float("nan")
-
-
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
     """Return the calibration in a unit with a possible stature, and a length factor.
 
-    The factor is 1 if the stature is possible. The unit changes only if just the camera distances suggest it, and never
-    with ``keep``.
+    The factor is 1 if the stature is possible, or unknown because the views do not agree. The unit changes only if just
+    the camera distances suggest it, and never with ``keep``.
     """
-    stature, guessed = stature_between(calibration.cameras, detections), "" if keep else calibration.guessed_unit
+    cameras, guessed = calibration.cameras, "" if keep else calibration.guessed_unit
+    evidence, written = TakeEvidence(cameras, detections), Reading.as_written(len(cameras))
+    if evidence.views < 2 or not evidence.poses or not np.ptp(cameras.centres, axis=0).any():
+        return calibration, 1.0
+    stature = judge_body(evidence, written).height if evidence.noise([written]).is_related[0] else np.nan
     if not np.isfinite(stature) or POSSIBLE_M[0] <= stature <= POSSIBLE_M[1]:
         return calibration, 1.0
     factors = {unit: METRES[unit] / METRES[guessed] for unit in _UNITS} if guessed else {}
@@ -178,6 +173,6 @@ def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: b
         return calibration, MEAN_STATURE_M / stature
     (unit,) = fitting
     found = diagnostic("unit_by_person", unit=unit, stature=stature * factors[unit], read=stature, guessed=guessed)
-    cameras = replace(calibration.cameras, t=calibration.cameras.t * factors[unit])
+    cameras = replace(cameras, t=cameras.t * factors[unit])
     notes = tuple(note for note in calibration.notes if note.code != "unit_read")
     return replace(calibration, cameras=cameras, notes=notes, problems=(*calibration.problems, found)), 1.0

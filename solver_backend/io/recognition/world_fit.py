@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -143,15 +143,22 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, FRAMES).round().astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
     most = max(4, min(POSES, int(POSES * (COMPARED / len(cameras)) ** 2)))
-    few = slice(None, None, len(frames) // most + 1)
     found = triangulate(cameras, xy, confidence)
-    points = np.asarray(found.points)
+    points, sigma_px, off_px = np.asarray(found.points), np.asarray(found.sigma_px), dict[str, float]()
+    few, few_sure = (values[:, :: len(frames) // most + 1] for values in (xy, confidence))
+    for c, name in enumerate(cameras.names if len(cameras) > 2 else ()):
+        others = [i for i in range(len(cameras)) if i != c]
+        of_others = triangulate(cameras.subset(others), few[others], few_sure[others], sigma_px)
+        shift = few[c] - project(cameras.subset([c]), np.asarray(of_others.points))[0]
+        shift = shift[np.isfinite(shift).all(-1)]
+        if len(shift):
+            off_px[name] = float(np.linalg.norm(np.median(shift, axis=0)))
     return WorldCheck(
         points,
         keypoints.joint_set,
         keypoints.fps * len(frames) / keypoints.num_frames,
         residual_px=float(quantile(np.asarray(found.residual_px).ravel(), 0.5, axis=0)),
-        off_px=dict(_biases(cameras, xy[:, few], confidence[:, few], np.asarray(found.sigma_px))),
+        off_px=off_px,
         person_px=tuple(person_size(np.where((confidence > 0)[..., None], xy, np.nan)).tolist()),
         views=cameras.names,
         apart=_angle(cameras, points) if len(cameras) == 2 else np.pi / 2,
@@ -164,20 +171,6 @@ def _angle(cameras: Cameras, points: np.ndarray) -> float:
     middle = np.median(known, axis=0) if len(known) else cameras.centres.mean(axis=0)
     a, b = cameras.centres - middle
     return float(np.arccos(np.clip(a @ b / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-9), -1.0, 1.0)))
-
-
-def _biases(
-    cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, sigma_px: np.ndarray
-) -> Iterator[tuple[str, float]]:
-    """Yield name and pixel offset of each camera relative to two or more others."""
-    everyone = list(range(len(cameras)))
-    for c in everyone if len(cameras) > 2 else []:
-        others = [i for i in everyone if i != c]
-        points = np.asarray(triangulate(cameras.subset(others), xy[others], confidence[others], sigma_px).points)
-        shift = xy[c] - project(cameras.subset([c]), points)[0]
-        shift = shift[np.isfinite(shift).all(-1)]
-        if len(shift):
-            yield cameras.names[c], float(np.linalg.norm(np.median(shift, axis=0)))
 
 
 @dataclass(frozen=True)

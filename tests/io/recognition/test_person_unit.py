@@ -12,7 +12,7 @@ from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.person_scale import in_persons_unit, stature_between
+from solver_backend.io.recognition.person_scale import in_persons_unit
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.trial_files import write_trial
 from tests.support.words import words
@@ -38,6 +38,7 @@ def test_the_unit_is_that_of_the_person(unit: str, guessed: str) -> None:
     assert factor == 1.0
     read_as = [(item.code, item.values["unit"], item.values["guessed"]) for item in found.problems]
     assert read_as == [("unit_by_person", unit, guessed)] * (unit != guessed)
+    assert all(1.6 < item.values["stature"] < 1.9 for item in found.problems)
     assert all(f"interpreted as {unit}" in problem for problem in words(found.problems))
 
 
@@ -58,15 +59,6 @@ def test_views_that_agree_on_nobody_tell_no_unit() -> None:
     nonsense = np.random.default_rng(0).uniform(0, 1000, KEYPOINTS.xy.shape)
     found, factor = unit_of(100.0, "m", nonsense)
     assert (factor, found.problems) == (1.0, ())
-
-
-def test_stature_is_in_the_cameras_unit() -> None:
-    seen = Detections(
-        CAMERAS.names, KEYPOINTS.xy[:, :, None], KEYPOINTS.confidence[:, :, None], KEYPOINTS.joint_set
-    )  # fmt: skip
-    in_metres = stature_between(CAMERAS, seen)
-    assert 1.6 < in_metres < 1.9
-    assert stature_between(replace(CAMERAS, t=1e3 * CAMERAS.t), seen) == pytest.approx(1e3 * in_metres)
 
 
 @pytest.mark.slow
