@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
+from solver_backend.agreement.body_evidence import MEAN_STATURE_M
+from solver_backend.agreement.evidence import LEAST_NOISE, SIGMAS
 from solver_backend.agreement.person_tracks import (
     BRIDGE_S,
     STEP_SHARE,
@@ -16,12 +19,15 @@ from solver_backend.agreement.person_tracks import (
     candidates,
     detection_distances,
     persons,
+    ray_directions,
     view_tracks,
 )
 from solver_backend.agreement.reading import MIN_POINTS, Detections, Sightings, extent, sightings
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.arrays import quantile
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras, Keypoints2D
 
 USUAL_TIMES = 4.0  # Largest distance of a person's detection relative to the median. With 3.5, 1 % are missed.
@@ -175,6 +181,9 @@ def select_people(
 ) -> tuple[SelectedPerson, ...]:
     """Return the people whom two views show for long enough, with the best agreement first.
 
+    The rays of another person must meet nearly as closely as the rays of the first one, because people who are each in
+    the background of a single view may form a person by chance.
+
     The person to solve is chosen later. Notes and problems are attached to the first person, who is solved by default.
     A detection near two people is assigned to the better fit. A view that never shows two people is assigned to the
     first one, because later checks need all its detections.
@@ -184,10 +193,20 @@ def select_people(
     followed = follow_people(cameras, detections, fps, progress)
     space, least = followed.people, min(BRIDGE_S * fps, 0.5 * detections.num_frames)
 
-    kept = [i for i, rows in enumerate(followed.rows) if i == 0 or len(rows) >= least]
+    gaps = _gaps(followed, followed.rows[0])
+    usual = {pair: max(float(quantile(own, 0.5, axis=0)), LEAST_NOISE * MEAN_STATURE_M) for pair, own in gaps.items()}
+    every = float(np.median(list(usual.values())))
+
+    def is_somebody(rows: np.ndarray) -> bool:
+        ratios = [own / usual.get(pair, every) for pair, own in _gaps(followed, rows).items()]
+        return len(rows) >= least and bool(quantile(np.concatenate(ratios), 0.5, axis=0) <= SIGMAS)
+
+    kept = [i for i, rows in enumerate(followed.rows) if i == 0 or is_somebody(rows)]
     found = [detections_of(followed, i, detections, fps) for i in kept]
     best = np.stack([np.where(accepted, fit, -1.0) for accepted, fit in found]).argmax(axis=0)
     accepted = [own & (best == n) for n, (own, _) in enumerate(found)]
+    left = [n for n, own in enumerate(accepted) if n == 0 or (own.any(-1).sum(0) > 1).sum() >= least]
+    kept, found, accepted = ([values[n] for n in left] for values in (kept, found, accepted))
     others = np.any([np.zeros(best.shape, bool), *accepted[1:]], axis=0)
     unsure = doubtful_views(detections, accepted[0] | others)
     people = detections.people()
@@ -196,6 +215,26 @@ def select_people(
     notes, problems = _report(cameras, detections, space, [followed.rows[i] for i in kept], accepted[0])
     problems += tuple(diagnostic("camera_sees_elsewhere", cameras=[cameras.names[c]]) for c in unsure)
     return _selected(detections, fps, zip(accepted, (fit for _, fit in found), strict=True), notes, problems)
+
+
+def _gaps(followed: FollowedPeople, rows: np.ndarray) -> dict[tuple[int, int], np.ndarray]:
+    """Return the distances (N,) in metres by which a person's rays in two views miss each other, by pair of views.
+
+    The distance in a frame is the median over the keypoints of the signed distances, which noise does not shift.
+    """
+    seen, members, frame = followed.seen, followed.people.members[rows], followed.people.frame[rows]
+    found = dict[tuple[int, int], np.ndarray]()
+    for a, b in combinations(range(len(seen.cameras)), 2):
+        both = (members[:, [a, b]] >= 0).all(axis=1)
+        one, other = (seen.xy[c, frame[both], members[both, c]] for c in (a, b))
+        base, first = seen.cameras.centres[b] - seen.cameras.centres[a], ray_directions(seen.cameras, a, one)
+        sides = []
+        for points in (other, other[:, seen.mirror]):  # left and right may be swapped
+            across = unit(np.cross(first, ray_directions(seen.cameras, b, points)))
+            sides.append(np.abs(quantile(across @ base, 0.5, axis=-1)))
+        if both.any():
+            found[a, b] = np.fmin(*sides)
+    return found
 
 
 def _selected(

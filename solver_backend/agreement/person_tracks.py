@@ -87,7 +87,7 @@ def _midpoints(cameras: Cameras, a: int, b: int, n_a: np.ndarray, n_b: np.ndarra
     Both are NaN if a keypoint is missing, the rays are nearly parallel, or they intersect behind a camera (midpoint
     method; Hartley and Sturm 1997, "Triangulation").
     """
-    d_a, d_b = _directions(cameras, a, n_a), _directions(cameras, b, n_b)
+    d_a, d_b = ray_directions(cameras, a, n_a), ray_directions(cameras, b, n_b)
     base = cameras.centres[b] - cameras.centres[a]
     along_a, along_b, cosine = d_a @ base, d_b @ base, (d_a * d_b).sum(-1)
     spread = 1.0 - cosine**2
@@ -101,7 +101,7 @@ def _midpoints(cameras: Cameras, a: int, b: int, n_a: np.ndarray, n_b: np.ndarra
     return middle, np.where(ahead, np.linalg.norm(p_a - p_b, axis=-1), np.nan)
 
 
-def _directions(cameras: Cameras, c: int, n: np.ndarray) -> np.ndarray:
+def ray_directions(cameras: Cameras, c: int, n: np.ndarray) -> np.ndarray:
     """Return unit ray directions (..., 3) in the world for normalised coordinates (..., 2)."""
     ray = n @ cameras.R[c][:2] + cameras.R[c][2]
     return ray / np.sqrt(1.0 + (n * n).sum(-1))[..., None]
@@ -176,7 +176,7 @@ def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapp
         n = np.where((members[:, c] >= 0)[:, None, None], seen.xy[c, frame, members[:, c]], np.nan)
         n = np.where(swapped[:, c, None, None], n[:, seen.mirror], n)
         known = np.isfinite(n[..., 0])
-        d = np.where(known[..., None], _directions(seen.cameras, c, np.nan_to_num(n)), 0.0)
+        d = np.where(known[..., None], ray_directions(seen.cameras, c, np.nan_to_num(n)), 0.0)
         across = np.where(known[..., None, None], np.eye(3), 0.0) - d[..., :, None] * d[..., None, :]
         A += across
         b += across @ seen.cameras.centres[c]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.person_selection import select_people
-from tests.support.crowds import COCO, Scene, everywhere
+from tests.support.crowds import COCO, Scene, add_strangers, everywhere
 from tests.support.scenes import ring_of_cameras, walker
 from tests.support.words import words
 
@@ -58,3 +58,14 @@ def test_one_view_alone_and_a_moment_are_nobody() -> None:
     found = select_people(cameras, detections, 30.0)
     assert whom(found, who) == [{0}]
     assert any("Other people are ignored" in note for note in words(found[0].notes))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_strangers_in_the_background_of_single_views_are_nobody(seed: int) -> None:
+    cameras, frames = ring_of_cameras(), 90
+    scene = Scene(cameras, seed)
+    scene.add(walker(COCO, frames, (-0.6, 0.0), (0.3, 0.1)), everywhere(frames))
+    scene.add(walker(COCO, frames, (0.6, 0.9), (-0.3, 0.1)), everywhere(frames, (1, 2)))
+    add_strangers(scene, frames, 2)
+    detections, who = scene.detections()
+    assert whom(select_people(cameras, detections, 30.0), who) == [{0}, {1}]

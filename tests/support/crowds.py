@@ -6,7 +6,7 @@ import numpy as np
 
 from solver_backend.agreement.reading import Detections
 from solver_backend.types import Cameras, JointSet
-from tests.support.scenes import detected
+from tests.support.scenes import detected, walker
 
 COCO = JointSet.COCO_17
 
@@ -44,3 +44,15 @@ def everywhere(frames: int, views: tuple[int, ...] = (0, 1, 2, 3)) -> np.ndarray
     seen = np.zeros((4, frames), bool)
     seen[list(views)] = True
     return seen
+
+
+def add_strangers(scene: Scene, frames: int, count: int) -> None:
+    """Add people who walk in the background of single cameras, some for each camera."""
+    for view, centre in enumerate(scene.cameras.centres):
+        away = -centre[:2] / np.linalg.norm(centre[:2])
+        across = np.array([-away[1], away[0]])
+        for _ in range(count):
+            start = scene.rng.uniform(0.5, 3.0) * away + scene.rng.uniform(-2.0, 2.0) * across
+            velocity = scene.rng.choice([-1.0, 1.0]) * scene.rng.uniform(0.2, 0.9) * across
+            points = walker(COCO, frames, tuple(start), tuple(velocity), phase=scene.rng.uniform(0.0, 6.0))
+            scene.add(scene.rng.normal(1.0, 0.055) * points, everywhere(frames, (view,)))
