@@ -91,8 +91,13 @@ def _middle(points: np.ndarray) -> np.ndarray:
 _WALKS = ("35_01", "16_15", "02_01", "16_31", "16_21", "16_47")
 
 
-def crowd(seed: int, folder: Path, layout: str = "ring 4", fps: float = 30.0, frames: int = 150) -> Solved:
-    """Solve four people: two walk past each other, one enters through a door, and one leaves early."""
+def crowd(seed: int, folder: Path, layout: str = "ring 4", fps: float = 30.0) -> Solved:
+    """Solve a crowd, see ``film_crowd``."""
+    return _solve_views(folder, *film_crowd(seed, layout), fps, "--person", "all")
+
+
+def film_crowd(seed: int, layout: str, frames: int = 150) -> tuple[MotionTake, list[np.ndarray], list[Person]]:
+    """Film four people: two walk past each other, one enters through a door, and one leaves early."""
     rng = np.random.default_rng(seed)
     take = MotionTake("", layout, frames=frames)
     cameras, everybody, seen = cameras_of(layout), [], []
@@ -117,7 +122,7 @@ def crowd(seed: int, folder: Path, layout: str = "ring 4", fps: float = 30.0, fr
                 if other != n:
                     hidden = (depth[other] < depth[n]) & (_cover(boxes[n], boxes[other]) > 0.5)
                     confidence[c, hidden] = 0.0
-    return _solve_views(folder, take, everybody, seen, fps, "--person", "all")
+    return take, everybody, seen
 
 
 def _box(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from solver_backend.agreement.explain import Applied, Explanation, explain
 from solver_backend.agreement.hypotheses import exchanged_pair
+from solver_backend.agreement.lags import LEAST_STRENGTH
 from solver_backend.agreement.reading import Detections, Reading, apply_reading, unturn
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.agreement.starts import (
@@ -22,6 +23,7 @@ from solver_backend.agreement.starts import (
     rates_by_length,
     rates_match,
     read_out_of_step,
+    strength,
 )
 from solver_backend.agreement.synchronisation import reach_frames
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, notes_in, warnings_in, word
@@ -251,7 +253,15 @@ class _Files:
         return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
 
     def explained(self, options: ReadOptions) -> Explanation:
-        return explain(self.in_file(options), self.detections, names_stated=bool(options.camera or options.offset))
+        """Explain the views by the largest person in each. Reject a change if all people agree less with it."""
+        cameras, seen = self.in_file(options), self.detections
+        found = explain(cameras, seen, names_stated=bool(options.camera or options.offset))
+        if found.changed and (seen.people() > 1).any():  # the largest person may differ between the views
+            written = strength(cameras, seen)
+            if strength(*apply_reading(cameras, seen, replace(found.reading, late=()))) < written:
+                as_written, agrees = Reading.as_written(len(cameras)), written >= LEAST_STRENGTH
+                return replace(found, reading=as_written, applied=(), agrees=agrees)
+        return found
 
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> _Files:
         """Resample the detections to the take's frame rate by ``ratios`` (C,).
