@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.outputs import require_path
 from solver_backend.io.motions.motion_checks import checked_motion
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.frame_numbers import cut_frames
 from solver_backend.io.recognition.range_checks import checked
 from solver_backend.types import Capture, Motion
 
@@ -70,7 +69,11 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
         raise no_capture(path, readers)
     capture = reader.open(path, chosen, frozenset({"frames"}))
     if chosen.frames is not None:
-        capture = cut_frames(capture, *chosen.frames)
+        (first, last), count = chosen.frames, capture.num_frames
+        if not 0 <= first <= last < count:
+            what = f"Frames {first} to {last} are not a valid range in this take of {count} frames."
+            raise JobInvalid(what, where="frames", hint=f"Choose frames from 0 to {count - 1}, the earlier one first.")
+        capture = capture.frames(first, last + 1)
     if chosen.person is not None:
         capture = capture.of_person(chosen.person)
     if capture.keypoints is not None:

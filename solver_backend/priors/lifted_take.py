@@ -104,13 +104,17 @@ LEAST_POINTS = 6  # Smallest number of keypoints in a frame that shows a person.
 
 
 def lift_take(
-    camera: Cameras, keypoints: Keypoints2D, body: Body, prior: AutoencodingPrior, up: np.ndarray | None
+    camera: Cameras,
+    keypoints: Keypoints2D,
+    body: Body,
+    prior: AutoencodingPrior | None = None,
+    up: np.ndarray | None = None,
 ) -> LiftedTake:
     """Lift one camera's keypoints to 3D, and average with the result of the mirrored keypoints.
 
     Args:
         camera: a single camera. Only its lens is used.
-        prior: pose decoder for this body.
+        prior: pose decoder for this body. None uses SPoser's.
         up: (3,) or (F, 3) unit vector against gravity in camera axes, None if unknown.
 
     Raises:
@@ -119,7 +123,7 @@ def lift_take(
     image = np.asarray(undistort(camera, keypoints.xy))[0]
     confidence = np.where(np.isfinite(image).all(axis=-1), keypoints.confidence[0], 0.0)
     view = _lifted_twice(image, confidence, keypoints.joint_set, keypoints.fps, up)
-    z = view.z
+    z, prior = view.z, prior or prior_on_body(load_sposer(), body.layout)
     if prior.metadata.get("sha256") != load_view_lifter().metadata["sposer_sha256"]:  # the lifter's codes are SPoser's
         z = np.asarray(prior.encode(prior_on_body(load_sposer(), body.layout).decode(z)))
     return LiftedTake(view, z, np.asarray(prior.decode(z)), image, confidence, keypoints.fps)

@@ -320,6 +320,24 @@ class Capture:
         hint = f"It shows {names}." if names else "The capture has one person. Omit the name."
         raise PersonUnknown(f"The capture has no person '{name}'.", where=self.name, hint=hint)
 
+    def frames(self, start: int, stop: int) -> Capture:
+        """Return the frames from ``start`` to ``stop`` - 1, with ground truth and footage."""
+
+        def cut(values: np.ndarray) -> np.ndarray:  # (F, ...) or (C, F, ...)
+            axis = next((n for n, size in enumerate(values.shape[:2]) if size == self.num_frames), None)
+            return values if axis is None else values[(slice(None),) * axis + (slice(start, stop),)]
+
+        first = self.footage_first or (0,) * len(self.footage)
+        parts = {name: getattr(self, name) for name in ("keypoints", "markers", "others")}
+        return replace(
+            self,
+            cameras=None if self.cameras is None else self.cameras.at(slice(start, stop)),
+            **{name: None if part is None else part.frames(start, stop) for name, part in parts.items()},
+            people=tuple(replace(person, keypoints=person.keypoints.frames(start, stop)) for person in self.people),
+            footage_first=tuple(picture + start for picture in first),
+            truth={name: cut(values) for name, values in self.truth.items()},
+        )
+
     def views(self, indices: list[int]) -> Capture:
         """Return the capture restricted to the cameras at these indices."""
         assert self.cameras is not None and self.keypoints is not None

@@ -60,6 +60,11 @@ class MarkerCloud:
         residual, covariance = (None if v is None else v[:, chosen] for v in (self.residual, self.covariance))
         return MarkerCloud(self.positions[:, chosen], self.fps, labels, residual, covariance)
 
+    def frames(self, start: int, stop: int) -> MarkerCloud:
+        """Return the frames from ``start`` to ``stop`` - 1."""
+        residual, covariance = (None if v is None else v[start:stop] for v in (self.residual, self.covariance))
+        return MarkerCloud(self.positions[start:stop], self.fps, self.labels, residual, covariance)
+
     @property
     def values(self) -> np.ndarray:
         """(frames, markers, 3 to 13) positions, followed by residuals and covariances if they are known."""

@@ -13,7 +13,6 @@ from solver_backend.cameras.steady_camera import steady_camera
 from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import read_capture, write_capture
-from solver_backend.io.recognition.frame_numbers import cut_frames
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import CameraPath, Cameras, Capture, JointSet, Keypoints2D
 
@@ -58,7 +57,7 @@ def test_each_frame_is_seen_by_the_camera_that_stands_there() -> None:
 
 def test_selected_frames_keep_their_poses() -> None:
     cameras, R, t = carried()
-    for part in (cameras.at(slice(2, 4)), cut_frames(capture(), 2, 3).cameras):
+    for part in (cameras.at(slice(2, 4)), capture().frames(2, 4).cameras):
         assert part is not None
         for found, expected in zip(part.poses(0, 2), (R[2:4], t[2:4]), strict=True):
             np.testing.assert_allclose(found, expected, atol=1e-12)

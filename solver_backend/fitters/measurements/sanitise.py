@@ -1,4 +1,4 @@
-"""Find faults of single views before a solve, and repair them or exclude the views."""
+"""Find faults of single views before a solve. Repair them, or exclude the views."""
 
 from __future__ import annotations
 
@@ -37,8 +37,6 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 STAGE = "Checking the cameras"
-STEPS = 5  # Steps of the check in progress reports.
-_UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that reject a capture if synchronisation is required.
 
 
 @dataclass(frozen=True)
@@ -58,20 +56,21 @@ def check_capture(
     estimate_sync: bool = False,
     sync: str = SYNC_AUTO,
 ) -> CheckedCapture:
-    """Find faults of single views and repair them.
+    """Repair faults of single views: repeated frames, wrong conventions, delays, bystanders and exchanged limbs.
 
-    The order is: repeated frames, whole views, delays, bystanders, limbs. Remaining faults are excluded.
+    Detections with other faults are excluded.
 
     Args:
-        triangulation: triangulation of the unrepaired capture.
-        estimate_sync: if a camera is late, correct the small delays of other cameras too.
+        triangulation: triangulation of the capture without repairs.
+        estimate_sync: also correct the small delays of other cameras if one camera is late.
         sync: "off" corrects no delays (see ``SolveSettings``).
 
     Raises:
-        NotSynchronised: ``sync`` is "on", and delays cannot be estimated.
+        NotSynchronised: ``sync`` is "on", and a delay cannot be estimated.
     """
+    steps = 5
     cameras, keypoints = capture.require_multiview()
-    progress(STAGE, 0, STEPS)
+    progress(STAGE, 0, steps)
     again, skipped, filled = (find(keypoints) for find in (repeated_frames, skipped_frames, filled_frames))
     sound = (keypoints.confidence > 0).any(-1) & ~filled
     replaced = filled & (sound.sum(0) >= 2)  # others show where the person was
@@ -80,21 +79,21 @@ def check_capture(
         keypoints = without_repeats(keypoints, lost)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     views = repair_views(cameras, keypoints, triangulation)
-    progress(STAGE, 1, STEPS)
+    progress(STAGE, 1, steps)
     timed, triangulation, late = views.keypoints, views.triangulation, list[Diagnostic]()
     if sync != SYNC_OFF:
         others = _others(capture, lost, views.found)
         timed, triangulation, late = _in_time(cameras, timed, triangulation, others, estimate_sync, progress)
-    if sync == SYNC_ON and (unknown := [item for item in late if item.code in _UNKNOWN]):
+    if sync == SYNC_ON and (unknown := [item for item in late if item.code in ("delay_unknown", "delay_beyond")]):
         hint = "To solve the take anyway, use --sync auto or --sync off."
         raise NotSynchronised(sentence(unknown[0]), where=capture.name, hint=hint)
-    progress(STAGE, 2, STEPS)
+    progress(STAGE, 2, steps)
     alone = exclude_bystanders(cameras, timed, triangulation)
-    progress(STAGE, 3, STEPS)
+    progress(STAGE, 3, steps)
     sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
-    progress(STAGE, 4, STEPS)
+    progress(STAGE, 4, steps)
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
-    progress(STAGE, 5, STEPS)
+    progress(STAGE, 5, steps)
     found = [item for fault in views.found for item in _diagnose_views(cameras, fault)]
     found += late + _alterations(cameras, again, skipped, filled, replaced)
     for swap in sides.found:
@@ -111,7 +110,7 @@ def check_capture(
 
 
 def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault]) -> list[Keypoints2D]:
-    """Return the other people's detections in the used views, with view faults corrected."""
+    """Return the detections of the other people, with the same views excluded and the same faults repaired."""
     cameras, chosen = capture.require_multiview()
     seeing = (chosen.confidence > 0).any(axis=(1, 2))[:, None, None]
     others: list[Keypoints2D] = []
@@ -133,7 +132,7 @@ def _in_time(
     every: bool,
     progress: Progress,
 ) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
-    """Return detections with late (or all) cameras corrected, their triangulation, and diagnostics."""
+    """Correct the delays of late cameras, or of every camera. Return diagnostics too."""
     reach = min(reach_frames(keypoints.fps), keypoints.num_frames // 3)
     limbs = limb_keypoints(keypoints.joint_set)
     xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)
@@ -180,7 +179,6 @@ def _in_time(
 
 
 def _diagnose_views(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
-    """Return a diagnostic for each faulty camera, and for each pair of swapped names."""
     reading, now = fault.reading, list(range(len(cameras)))
     where: dict[str, Any] = {"frames": [(fault.first, fault.last)], "remedy": Remedy.REPAIRED}
     found = list[Diagnostic]()
@@ -201,13 +199,8 @@ def _diagnose_views(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
 
 
 def _alterations(
-    cameras: Cameras,
-    again: np.ndarray,
-    skipped: np.ndarray,
-    filled: np.ndarray,
-    replaced: np.ndarray,
+    cameras: Cameras, again: np.ndarray, skipped: np.ndarray, filled: np.ndarray, replaced: np.ndarray
 ) -> list[Diagnostic]:
-    """Return diagnostics about repeated, skipped, filled and replaced frames."""
     whole, found = [(0, len(skipped) - 1)], list[Diagnostic]()
     for view, name in enumerate(cameras.names):
         where: dict[str, Any] = {"cameras": [name], "frames": whole}

@@ -1,4 +1,4 @@
-"""Make cameras and detections consistent: correct conventions, frame rates and start times."""
+"""Make cameras and detections consistent by correcting conventions, frame rates and start times."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.explain import Applied, Explanation, explain
+from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.hypotheses import exchanged_pair
 from solver_backend.agreement.lags import LEAST_STRENGTH
 from solver_backend.agreement.reading import Detections, Reading, apply_reading, unturn
@@ -33,8 +33,8 @@ from solver_backend.exchange.solve_settings import SYNC_OFF, SYNC_ON
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.camera_names import listing, name_key
 from solver_backend.io.reader import ReadOptions
-from solver_backend.io.recognition.frame_numbers import cut_frames, different_frames
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.recognition.frame_numbers import different_frames
+from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up, with_up_axis
 from solver_backend.types import Cameras, Capture
 
 
@@ -43,24 +43,24 @@ class InTime:
     """Detections whose rows are simultaneous in all cameras."""
 
     detections: Detections  # Detections in the frames that are kept.
-    first_rows: tuple[int, ...] = ()  # Row where each camera begins. Empty if each begins with its first row.
-    found: tuple[Diagnostic, ...] = ()  # Notes on assumptions, and warnings.
+    first_rows: tuple[int, ...] = ()  # First kept row of each camera. Empty if every camera keeps all its rows.
+    found: tuple[Diagnostic, ...] = ()  # Notes and warnings.
 
 
 def reads_apart(options: ReadOptions) -> bool:
-    """Return whether cameras with different first frames may each start at their own."""
+    """Return whether each camera may start with its own first frame number."""
     return options.sync != SYNC_OFF or options.by_order or bool(options.offset)
 
 
 def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, options: ReadOptions) -> InTime:
     """Align the rows of the detections in time across all cameras.
 
-    Offsets from the user always win. Otherwise cameras are shifted if their views agree far better than at the offsets
-    of the frame numbers, and agree at only one offset (``find_starts``). Uncertain cameras keep their frame numbers and
-    are reported.
+    Offsets from the user always win. Otherwise a camera is shifted if its views agree far better at another offset than
+    at the offset of its frame numbers, and at no third offset (``find_starts``). Uncertain cameras keep their frame
+    numbers and are reported.
 
     Args:
-        detections: each camera starts with its own first frame if the first frames differ.
+        detections: row 0 of each camera is its own first frame.
 
     Raises:
         JobInvalid: an offset names no recorded camera.
@@ -93,11 +93,7 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
 
 
 def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture:
-    """Align all cameras of a keypoint capture to the clock of the first camera.
-
-    Raises:
-        JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
-    """
+    """Align all cameras of a keypoint capture in time. Args and raises: as in ``bring_to_one_time``."""
     if capture.cameras is None or capture.keypoints is None:
         return capture
     everybody = [person.keypoints for person in capture.people] or [capture.keypoints]
@@ -110,7 +106,7 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     first = max(found.first_rows[0], 0)
     stop = min(found.first_rows[0] + found.detections.num_frames, capture.num_frames)
     rows = slice(first - found.first_rows[0], stop - found.first_rows[0])
-    cut = cut_frames(capture, first, stop - 1)
+    cut = capture.frames(first, stop)
     aligned = found.detections
     moved = [
         replace(
@@ -127,14 +123,14 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
 
 
 def as_numbered(detections: Detections) -> Detections:
-    """Return the detections with rows aligned by frame number."""
+    """Align the rows of all cameras by their frame numbers."""
     offsets = detections.starts[0] - detections.starts
     first, stop = common_rows(offsets, detections.counts)
     return align_rows(detections, offsets, first, stop) if stop > first else detections
 
 
 def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:
-    """Return the detections with shifted cameras, without cameras that have no reliable start."""
+    """Shift the cameras, and exclude cameras without a reliable start."""
     late = numbered - found.offsets
     moved = _named(detections, late - late[0])
     values: dict[str, Any] = {"starts": [f"{name} {abs(by)} frames {_direction(by)}" for name, by in moved]}
@@ -151,7 +147,6 @@ def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, op
 
 
 def _doubt(detections: Detections, found: CameraStarts) -> Diagnostic:
-    """Return a diagnostic with the reason for shifting no camera."""
     names = [detections.cameras[c] for c in found.doubtful]
     if found.evidence is StartEvidence.STILL:
         return diagnostic("start_unknown", cameras=names)
@@ -160,7 +155,6 @@ def _doubt(detections: Detections, found: CameraStarts) -> Diagnostic:
 
 
 def _aligned(detections: Detections, offsets: np.ndarray, options: ReadOptions, *found: Diagnostic) -> InTime:
-    """Return the simultaneous rows of the detections at the given offsets."""
     if not detections.first_frames and not (offsets - offsets[0]).any():
         return InTime(detections, (), found)
     first, stop = common_rows(offsets, detections.counts, every=options.trim)
@@ -173,7 +167,7 @@ def _aligned(detections: Detections, offsets: np.ndarray, options: ReadOptions, 
 
 
 def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray:
-    """Return the (C,) delays in frames that the user gives. A camera without one has the delay 0."""
+    """Return the (C,) delays in frames that the user gives, 0 for the other cameras."""
     late = np.zeros(len(cameras), int)
     keys = [name_key(name) for name in cameras]
     for name, frames in offsets_by_camera(texts).items():
@@ -193,28 +187,28 @@ def _direction(frames: int) -> str:
 
 
 def _spans(detections: Detections) -> dict[str, tuple[int, int]]:
-    lasts = detections.starts + detections.counts - 1
-    return dict(zip(detections.cameras, zip(detections.starts.tolist(), lasts.tolist(), strict=True), strict=True))
+    spans = np.stack([detections.starts, detections.starts + detections.counts - 1], axis=1)
+    return dict(zip(detections.cameras, map(tuple, spans.tolist()), strict=True))
 
 
-OTHER_RATE = 0.01  # Smallest relative difference of unequal frame rates. 59.94 counts as 60.
+OTHER_RATE = 0.01  # Smallest relative difference of two frame rates. 59.94 counts as 60.
 
 
 def stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
-    """Return (C,) camera frames per frame of the take, from the video frame rates."""
+    """Return (C,) camera frames per frame of the take, from the frame rates of the videos."""
     ratios = np.array([fps if rate is None or rate <= 0 else rate for rate in rates]) / fps
     differ = bool((np.abs(ratios / np.median(ratios) - 1) > OTHER_RATE).any())
     return np.where(differ & (np.abs(ratios - 1) > OTHER_RATE), ratios, 1.0)
 
 
 def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return (C,) camera frames per frame of the take, and whether its rate is ambiguous.
+    """Return (C,) camera frames per frame of the take, and whether the rate of the take is ambiguous.
 
-    The views show only the ratios of the rates. The take has the rate that more than half of the cameras share. Without
-    such a majority it has the fastest rate, so that no frame is lost.
+    The take has the rate of more than half of the cameras. Without such a majority it has the fastest rate, so that no
+    frame is lost.
 
     Args:
-        relative: (C,) frame rates of the cameras relative to any one of them.
+        relative: (C,) frame rates relative to one of the cameras.
     """
     same = np.abs(relative[:, None] / relative[None] - 1) <= OTHER_RATE
     usual = int(same.sum(1).argmax())
@@ -243,12 +237,8 @@ class _Files:
     detections: Detections
     problems: tuple[Diagnostic, ...] = ()
 
-    @property
-    def count(self) -> int:
-        return len(self.detections.cameras)
-
     def in_file(self, options: ReadOptions) -> Cameras:
-        """Return the cameras in the world coordinates of the calibration file."""
+        """Return the cameras in the world of the calibration file, before its up axis became Z."""
         cameras = self.calibration.cameras
         return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
 
@@ -264,10 +254,7 @@ class _Files:
         return found
 
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> _Files:
-        """Resample the detections to the take's frame rate by ``ratios`` (C,).
-
-        Cameras with other rates are reported. With ``is_open``, the rate of the fastest cameras is an assumption.
-        """
+        """Resample the detections by (C,) ratios to the frame rate of the take, which is assumed if ``is_open``."""
         if (ratios == 1).all():
             return self
         names = self.detections.cameras
@@ -278,37 +265,35 @@ class _Files:
         return _Files(self.calibration, at_one_rate(self.detections, ratios.tolist()), (*self.problems, problem))
 
     def read(self, reading: Reading, options: ReadOptions, problems: Sequence[Diagnostic] = ()) -> _Files:
-        """Apply a reading to the calibration and detections, and add problems to the calibration."""
-        calibration, detections, views = self.calibration, self.detections, range(self.count)
-        if reading != Reading.as_written(self.count):
+        """Apply a reading, and add problems to the calibration."""
+        calibration, detections, views = self.calibration, self.detections, range(len(self.detections.cameras))
+        if reading != Reading.as_written(len(views)):
             cameras, detections = apply_reading(self.in_file(options), detections, reading)
-            cameras = replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z").T)
+            cameras = with_up_axis(cameras, options.up_axis or "z")
             rolls = tuple(reading.correction(view).turn for view in views)
             known = tuple(calibration.size_known[owner] for owner in reading.owners) if calibration.size_known else ()
             calibration = replace(calibration, cameras=cameras, rolls=rolls, size_known=known)
-        if problems:
-            calibration = replace(calibration, problems=(*calibration.problems, *problems))
+        calibration = replace(calibration, problems=(*calibration.problems, *problems)) if problems else calibration
         return _Files(calibration, detections, self.problems)
 
     def apply(self, found: Explanation, options: ReadOptions) -> _Files:
-        """Apply an explanation, and add its corrections to the problems."""
         if found.changed:  # delays below a frame are measured elsewhere
             return self.read(replace(found.reading, late=()), options, _report(self.detections.cameras, found))
         problems = [diagnostic("explanations_open", one=found.open[0], other=found.open[1])] if found.open else []
-        return self.read(Reading.as_written(self.count), options, problems)
+        return self.read(Reading.as_written(len(self.detections.cameras)), options, problems)
 
 
 def bring_to_agreement(
     calibration: Calibration, detections: Detections, fps: float, rates: Sequence[float | None], options: ReadOptions
 ) -> Agreeing:
-    """Correct all explicable disagreements between calibration and detections.
+    """Correct all disagreements between calibration and detections that a hypothesis explains.
 
-    Synchronous views are explained first. If they do not agree, or one camera is moved, late or unexplained, the video
-    frame rates and other readings of all cameras are tried at all offsets. Offsets are estimated last. A single
-    deviating camera is then explained in synchronous rows.
+    The rows are first explained as synchronous. If the views do not agree, or one camera is moved, late or unexplained,
+    the frame rates of the videos and other readings of all cameras are tried at all offsets. Offsets are estimated
+    last. A single deviating camera is then explained in synchronous rows.
 
     Args:
-        detections: each camera starts with its own first frame if the first frames differ.
+        detections: row 0 of each camera is its own first frame.
         fps: frame rate of the take.
         rates: (C,) frame rates of the videos, None if unknown.
 
@@ -317,7 +302,8 @@ def bring_to_agreement(
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
     """
     files = _Files(calibration, detections)
-    if files.count == 1:
+    count = len(detections.cameras)
+    if count == 1:
         turned = _read_one_view(files, options)
         moved = turned.detections is not detections
         return Agreeing(turned.calibration, InTime(turned.detections), (False,), turned.problems, moved)
@@ -325,7 +311,7 @@ def bring_to_agreement(
         what = "All cameras are at one point, because the calibration has only intrinsics."
         hint = "Also calibrate the positions of the cameras, for example with `cameras calibrate`."
         raise CalibrationInvalid(what, where=str(calibration.source), hint=hint)
-    ratios, stated = np.ones(files.count), stated_ratios(rates, fps)
+    ratios, stated = np.ones(count), stated_ratios(rates, fps)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     if searched and (stated == 1).all():
         relative = rates_by_length(calibration.cameras, detections, as_numbered(detections))
@@ -375,13 +361,13 @@ def _read_one_view(files: _Files, options: ReadOptions) -> _Files:
 
 
 def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
-    """Return one diagnostic per kind of correction, with its gain and the runner-up."""
     evidence = {"gain": max(a.gain for a in found.applied), "runner_up": found.runner_up, "margin": found.margin}
     reported = list[Diagnostic]()
     corrections = [a for a in found.applied if a.code == "calibration_corrected"]
     if corrections:
-        everybody = len(corrections) == 1 and len(corrections[0].views) == len(names)
-        meanings = "; ".join(a.meaning if everybody else f"{a.meaning} ({_listed(names, a)})" for a in corrections)
+        of_all = len(corrections) == 1 and len(corrections[0].views) == len(names)
+        listed = (f"{a.meaning} ({', '.join(names[view] for view in a.views)})" for a in corrections)
+        meanings = corrections[0].meaning if of_all else "; ".join(listed)
         shares = {"percent": 100 * found.share, "percent_written": 100 * found.share_written}
         reported.append(diagnostic("calibration_corrected", result="shares", meanings=meanings, **shares, **evidence))
     for applied in found.applied:
@@ -400,7 +386,3 @@ def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
             values |= {} if applied.code == "camera_placed" else {"remedy": Remedy.REPORTED}
             reported.append(diagnostic(applied.code, cameras=named, **values))
     return reported
-
-
-def _listed(names: Sequence[str], applied: Applied) -> str:
-    return ", ".join(names[view] for view in applied.views)

@@ -29,7 +29,6 @@ from solver_backend.io.footage import VideoHeader, find_footage, read_video_head
 from solver_backend.io.interpretation import interpret_rate
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.confidence import in_pixels
-from solver_backend.io.recognition.frame_numbers import cut_frames
 from solver_backend.io.recognition.person_scale import in_persons_unit
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, PersonInViews
@@ -182,7 +181,7 @@ def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
         problem = diagnostic("frames_configured", severity=Severity.WARNING, result="lacking", first=first, last=last)
         return replace(capture, problems=(*capture.problems, problem))
     note = diagnostic("frames_configured", result="used", first=first, last=stop - 1, count=capture.num_frames)
-    return replace(cut_frames(capture, first, stop - 1), notes=(*capture.notes, note))
+    return replace(capture.frames(first, stop), notes=(*capture.notes, note))
 
 
 def _frame_rate(

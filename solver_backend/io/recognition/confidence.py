@@ -1,4 +1,4 @@
-"""Convert confidences to the range 0 to 1, and detections to pixels."""
+"""Convert confidences to the range 0 to 1, and detected positions to pixels."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from solver_backend.agreement.reading import LEAST_VALUES, Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 
 _MOST = 0.95
-"""Fraction of numbers that decides how all are meant. The rest is outliers. This quantile of confidences on another
-scale counts as certain. A scale of 0 to 1 has it between 0.5 and 1.5, and percentages have it 100 times as high."""
+"""Fraction of numbers that determines the scale of all numbers. The rest are outliers. This quantile of confidences is
+between 0.5 and 1.5 on a scale of 0 to 1, and 100 times as high in percent. On other scales it counts as certain."""
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return confidences of one joint set in 0..1 (0 or NaN means undetected), notes and problems."""
+    """Convert confidences to 0..1, with 0 for undetected keypoints. Return notes and problems too."""
     confidence = np.where(np.isnan(confidence), 0.0, confidence).astype(confidence.dtype)
     seen, largest = confidence[confidence > 0], float(confidence.max(initial=0.0))
     if not len(seen):
@@ -40,9 +40,9 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
 
 
 def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
-    """Convert log-confidences to confidences if nearly all points are below 0.
+    """Convert logarithms of confidences to confidences, if nearly all points have different negative values.
 
-    A single repeated negative value only marks undetected points. Logarithms are never above 0.
+    A repeated negative value only marks undetected points.
     """
     below, known = confidence[(confidence < 0) & written], written & np.isfinite(confidence)
     is_logarithm = len(below) >= max(LEAST_VALUES, _MOST * known.sum())
@@ -51,7 +51,7 @@ def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) pixel that most keypoints (..., K, 2) share at some time, or None."""
+    """Return the (2,) position that a program wrote for undetected keypoints (..., K, 2), or None."""
     count = confidence.shape[-1]
     points, seen = xy.reshape(-1, count, 2), confidence.reshape(-1, count) > 0
     seen &= np.isfinite(points).all(-1)
@@ -63,16 +63,18 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
     places, times = np.unique(few[chosen], axis=0, return_counts=True)
     place = places[times.argmax()]
     kinds = ((few == place).all(-1) & chosen).any(0).mean()
-    if times.max() < (1 - _MOST) * chosen.sum() or 2 * kinds < 1:  # a body has only one keypoint at a position
-        return None
-    return place
+    usual = times.max() < (1 - _MOST) * chosen.sum() or 2 * kinds < 1  # a body has only one keypoint at a position
+    return None if usual else place
 
 
 _LARGEST = 2.0  # Largest fraction of an image size. No person is two pixels large.
 
 
 def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
-    """Convert fractions of the (C, 2) image sizes, measured from a corner or the centre, to pixels."""
+    """Convert detections in fractions of the (C, 2) image sizes to pixels. Pixels do not change.
+
+    Fractions are measured from the corner, or from the centre with -1 and 1 at the edges.
+    """
     seen = detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)]
     if not len(seen) or np.quantile(np.abs(seen), _MOST) > _LARGEST:
         return detections

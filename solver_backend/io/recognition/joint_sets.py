@@ -1,4 +1,4 @@
-"""Recognise a detector's joint set by the number of keypoints, then by anatomy."""
+"""Recognise the joint set of a detector by the number of keypoints and by anatomy."""
 
 from __future__ import annotations
 
@@ -18,21 +18,19 @@ _BONES: tuple[tuple[str, str], ...] = (
     ("head_top", "nose"), ("thorax", "{s}_shoulder"), ("thorax", "spine"), ("spine", "mid_hip"),
     ("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"),
 )  # fmt: skip
-"""Pairs of keypoints that are close in every pose. In a wrong joint set, they are distant."""
-
-CLEAR_RATIO = 1.15  # The best set is clear if the bones of the next set are this many times as long.
+"""Pairs of keypoints that are close in every pose if the joint set is right."""
+CLEAR_RATIO = 1.15  # Smallest ratio of the bone lengths of the second-best set to the best set, if the best is certain.
 UNLIKE = 0.3
-"""Bone length relative to the person's height beyond which the keypoint order is wrong. On the demo, each set scores
-0.12 to 0.19 in the right order, and 0.42 to 0.57 (median) in another order. Crouching people come close."""
-HANDS_ALONE = "Hands cannot be solved without a body. Also detect the body."
-"""Hint for files with hands only."""
+"""Largest bone length relative to the person's height. On the demo, every set has 0.12 to 0.19 in the right order of
+keypoints, and 0.42 to 0.57 (median) in another order. Crouching people have nearly 0.3."""
+HANDS_ALONE = "Hands cannot be solved without a body. Also detect the body."  # Hint for files with hands only.
 
 
 def require_known_count(num_keypoints: int, given: JointSet | None, *, where: str = "") -> None:
-    """Check that the given set, or any set, has this number of keypoints.
+    """Check that the given joint set has this number of keypoints. Without a set, check that any set has it.
 
     Raises:
-        KeypointCountMismatch: the set, or every set, has another number. The message lists the sets that fit.
+        KeypointCountMismatch: it does not. The message lists the sets with this number.
     """
     if num_keypoints in given.num_written if given else JointSet.fitting(num_keypoints):
         return
@@ -48,13 +46,13 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
 def choose_joint_set(
     xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
 ) -> tuple[JointSet, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the joint set of keypoints (..., K, 2), notes on how it was recognised, and warnings.
+    """Choose the joint set of keypoints (..., K, 2). Return notes and warnings too.
 
-    The user's choice ``given`` is final. The set ``configured`` in the recording's settings applies unless it is
-    impossible or anatomy clearly contradicts it. Otherwise the set is recognised.
+    The user's choice ``given`` is final. The set ``configured`` in the settings of the recording is used unless it has
+    another number of keypoints, or anatomy clearly contradicts it. Otherwise the set is recognised.
 
     Raises:
-        KeypointCountMismatch: the given set does not fit, or no set does.
+        KeypointCountMismatch: the given set, or every set, has another number of keypoints.
     """
     count = xy.shape[-2]
     if given is not None:
@@ -76,10 +74,10 @@ def choose_joint_set(
 def recognise_joint_set(
     xy: np.ndarray, confidence: np.ndarray, *, where: str = ""
 ) -> tuple[JointSet, Diagnostic, bool]:
-    """Return the joint set that fits N people best, how it was found, and if it is certain.
+    """Return the joint set with the shortest bones in the detections of N people, a note, and whether it is certain.
 
-    Several sets may have the same number of keypoints (BODY_25 and BODY_25B have 25). Each is scored by the RMS length
-    of its bones relative to the person's height in the image. The right set has the shortest bones.
+    Several sets may have the same number of keypoints (BODY_25 and BODY_25B have 25). In a wrong set, the bones connect
+    distant keypoints.
 
     Raises:
         KeypointCountMismatch: no known set has K keypoints.
@@ -103,7 +101,7 @@ def recognise_joint_set(
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
-    """Return the median RMS bone length relative to the person's height, infinity without people."""
+    """Return the median over people of the RMS bone length relative to the height in the image, else infinity."""
     names = joint_set.keypoints
     pairs = {(a.format(s=side), b.format(s=side)) for a, b in _BONES for side in ("left", "right")}
     known_pairs = [(names.index(a), names.index(b)) for a, b in sorted(pairs) if a in names and b in names]

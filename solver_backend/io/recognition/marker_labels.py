@@ -15,13 +15,13 @@ _MODEL_OUTPUT = re.compile(r".+[a-z](Angles?|Forces?|Moments?|Powers?)")
 
 
 def prefix_of(label: str) -> str:
-    """Return the subject in 'Subject:LASI', empty if there is none."""
+    """Return the subject in a label such as 'Subject:LASI', or an empty text."""
     prefix, found, _ = label.rpartition(":")
     return prefix.strip() if found else ""
 
 
 def subjects_of(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return the subjects that labels name, in label order. Unnamed points are skipped."""
+    """Return the subjects in the labels of named markers, in the order of the labels."""
     return tuple(dict.fromkeys(prefix_of(label) for label in labels if prefix_of(label) and not is_unnamed(label)))
 
 
@@ -31,9 +31,9 @@ def is_model_output(label: str) -> bool:
 
 
 def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return unique labels, and the labels that occurred more than once.
+    """Make labels unique. Return the labels that occur more than once too.
 
-    An empty label becomes '*' with its number, counted from 1. The second 'LASI' becomes 'LASI (2)'.
+    An empty label becomes '*' with its position, counted from 1. The second 'LASI' becomes 'LASI (2)'.
     """
     counts = Counter(label for label in labels if label)
     taken: set[str] = set(counts)
@@ -53,7 +53,7 @@ def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ..
     return tuple(unique), tuple(label for label, times in counts.items() if times > 1)
 
 
-UNPREFIXED = "Unprefixed"  # Subject name for labels without a prefix if they belong to another person.
+UNPREFIXED = "Unprefixed"  # Subject of labels without a prefix if other labels have one.
 _FIRST = re.compile(r"(?P<subject>[^:]+?)[ ._-](?P<name>.+)")
 _LAST = re.compile(r"(?P<name>.+)[ ._-](?P<subject>[^:]+?)")
 _COLON_LAST = re.compile(r"(?P<name>[^:]+):(?P<subject>[^:]+)")
@@ -61,10 +61,10 @@ _COLON = re.compile(r"(?P<subject>.+):(?P<name>[^:]+)")
 
 
 def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels as ``Subject:LASI`` if several people wear the same markers.
+    """Write the labels of several people with the same markers as ``Subject:LASI``.
 
-    These forms are recognised: ``Anna_LASI`` and ``Ben_LASI``, ``LASI_1`` and ``LASI_2``, ``LASI:Anna`` and
-    ``LASI:Ben``, and ``Anna:LASI`` with ``LASI``.
+    Recognised forms are ``Anna_LASI`` and ``Ben_LASI``, ``LASI_1`` and ``LASI_2``, ``LASI:Anna`` and ``LASI:Ben``, and
+    ``Anna:LASI`` with ``LASI``. Other labels do not change.
     """
     named = [label for label in labels if label and not is_unnamed(label)]
     colons = [label for label in named if ":" in label]
@@ -79,10 +79,10 @@ def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
-    """Return ``Subject:name`` for labels of several subjects with body markers.
+    """Return ``Subject:name`` of each label if the pattern separates several people with the same body markers.
 
-    The subjects must share at least half of the landmarks of the smallest one. Parts of one person under several names
-    share none.
+    All people must have at least half of the landmarks of the person with the fewest. Parts of one person under several
+    names have no common landmark.
     """
     groups: dict[str, dict[str, str]] = {}
     for label in labels:
@@ -101,5 +101,4 @@ def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
 
 
 def _places(names: list[str]) -> frozenset[str]:
-    """Return the skin landmarks that names denote, without names of skeletons."""
     return frozenset(place for place in name_markers(names).known.values() if not is_joint_centre(place))

@@ -1,4 +1,4 @@
-"""Find the up axis and the unit of a marker file: given, stated, or inferred from the body."""
+"""Find the up axis and the length unit of a marker file."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.body_evidence import POSSIBLE_M
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.geometry.arrays import quantile
@@ -21,11 +22,11 @@ UP_AXES: dict[str, tuple[tuple[int, int, int], ...]] = {
     "x": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
     "-x": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),
 }
-"""Rotation from a world with the named axis up to our world with Z up."""
+"""Rotation from a world with the named up axis to our world with Z up, by rows."""
 
 
 def rotation_to_z_up(up_axis: str) -> np.ndarray:
-    """Return the (3, 3) rotation ``A`` with ``x_ours = A @ x_source`` for an up axis such as '-y'."""
+    """Return the (3, 3) rotation ``A`` from a world with an up axis such as '-y': ``x_z_up = A @ x``."""
     axis = up_axis.lower().lstrip("+")
     if axis not in UP_AXES:
         raise JobInvalid(f"Unknown up axis '{up_axis}'. Known axes: {', '.join(UP_AXES)}.", where="up_axis")
@@ -33,7 +34,7 @@ def rotation_to_z_up(up_axis: str) -> np.ndarray:
 
 
 def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
-    """Rotate the world of the cameras so that its ``up_axis`` becomes Z.
+    """Rotate the world of the cameras so that its up axis becomes Z.
 
     ``x_cam = R x_old + t = (R Aᵀ) x_new + t`` with ``x_new = A x_old``.
     """
@@ -42,14 +43,11 @@ def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
 
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}  # Metres per unit.
 CLEAR = 1.5
-"""Ratio of lengths that is more than chance: a standing body along its axis and along any other axis, and the distance
-of two body parts and the limits of a person. It covers crouching, two people, and cameras that look down by 30 degrees.
-"""
-FLOOR_M = 0.3
-"""Largest distance in metres of a standing person's feet, and of a lying person, from a floor. Slopes and stairs are
-within it."""
+"""Ratio of two lengths that chance does not explain: of a standing body along two axes, and of a person's size beyond
+the limits of people. Crouching people and cameras that look down by 30 degrees stay below it."""
+FLOOR_M = 0.3  # Largest distance in metres of feet or a lying person from the floor, also on slopes and stairs.
 BELOW_M = 0.05  # Largest depth in metres of markers under an inaccurate floor.
-_USUAL = ("y", "z")  # Usual up axes. A person who extends along another axis may lie.
+_USUAL = ("y", "z")  # Usual up axes. A person along another axis may lie.
 
 _LEVELS = tuple(
     re.compile(rf"([LR]|LEFT|RIGHT)?({words})(L|R|LEFT|RIGHT)?")
@@ -64,15 +62,13 @@ _LEVELS = tuple(
         "STRN|PX|XIPH|XIPHOID|T8|T10|T12",
     )
 )
-"""Label patterns of the levels feet, knees, pelvis and upper body, then head, shoulders and lower chest. The last three
-serve for an upper body alone."""
+"""Label patterns of feet, knees, pelvis and upper body. Head, shoulders and lower chest are for an upper body alone."""
 _COMPARED = {
     (3, 0): (0.5, 1.4, 2.5), (3, 2): (0.2, 0.5, 1.2), (2, 0): (0.3, 0.9, 1.5), (1, 0): (0.15, 0.4, 0.8),
     (4, 6): (0.15, 0.4, 0.7), (4, 5): (0.07, 0.2, 0.4), (5, 6): (0.05, 0.2, 0.4),
 }  # fmt: skip
-"""Pairs of levels to compare, the most reliable first (the knees of a sitting person are as high as the pelvis).
-Values are their distance in metres: the smallest (children of one metre, who may crouch), an adult's, and the largest.
-"""
+"""Pairs of levels, the most reliable first, and their smallest, usual and largest distance in metres. The smallest is
+of a crouching child. The knees of a sitting person are as high as the pelvis."""
 
 
 @dataclass(frozen=True)
@@ -94,21 +90,19 @@ def find_up_axis(
 ) -> Recognised:
     """Find the up axis of marker positions.
 
-    The axis ``given`` by the user wins. A body that extends along another axis than the file states or its format
-    implies, with feet at 0 along that axis, decides unless the person may be lying.
+    The axis ``given`` by the user wins. Next is the axis along which a body stands with its feet at 0, unless the
+    person may be lying. Then the stated axis and the default follow.
 
     Args:
         positions: (F, M, 3) positions in metres, NaN where missing.
-        stated: the axis that the file states, empty if none.
-        default: the most common axis of the format.
+        stated: up axis that the file states, or an empty text.
+        default: most common up axis of the format.
     """
     if given is not None:
         rotation_to_z_up(given)
         return _axis(given.lower().lstrip("+"), "given")
     positions, expected = positions[:: max(1, len(positions) // 500)], stated or default
     body = _standing_along(positions, _person_raised(positions, labels))
-    # A person in a handstand has the hands at 0.
-    afloat = not abs(_lowest(positions, expected)) <= FLOOR_M
     if body is None or body == expected or _may_lie(positions, expected, body):
         if stated:
             return _axis(stated, "file")
@@ -119,6 +113,7 @@ def find_up_axis(
             return _axis(floor, "floor")
         return _axis(expected, "kind")
     feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
+    afloat = not abs(_lowest(positions, expected)) <= FLOOR_M  # a person in a handstand has the hands at 0
     if not stated and (feet_at_zero or afloat or body.lstrip("-") != expected.lstrip("-")):
         doubted = not feet_at_zero and body.lstrip("-") not in _USUAL
         problem = diagnostic("up_axis_doubted", conflict="unusual", along=body.upper()) if doubted else None
@@ -134,10 +129,9 @@ def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognis
 
 
 def _standing_along(positions: np.ndarray, raised: np.ndarray | None) -> str | None:
-    """Return the axis along which the body is clearly longer, signed to the head.
+    """Return the signed axis from feet to head along which the body is clearly longest.
 
-    Without a known part of the body, the box around the markers is used. Then the upper end is the one that is not at
-    0, the height of the floor.
+    Without labelled body parts, this is an axis of the box around all markers. The feet are at its end near 0.
     """
     if raised is not None:
         up = quantile(raised, 0.5, 0, "nearest")
@@ -155,21 +149,20 @@ def _standing_along(positions: np.ndarray, raised: np.ndarray | None) -> str | N
 
 
 def _person_raised(positions: np.ndarray, labels: Sequence[str]) -> np.ndarray | None:
-    """Return ``raised_part`` if its ends are at a human distance, within ``CLEAR``.
+    """Return the (F, 3) vectors of ``raised_part``, or None if they are longer or shorter than in people.
 
     The labels of two parts may belong to two people, or to a prop.
     """
-    raised, (least, _, most) = raised_part(positions, labels)
-    if raised is None:
-        return None
-    apart = float(quantile(np.linalg.norm(raised, axis=-1), 0.5, 0, "nearest"))
+    raised, apart, (least, _, most) = raised_part(positions, labels)
     return raised if least / CLEAR <= apart <= most * CLEAR else None
 
 
-def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarray | None, tuple[float, float, float]]:
-    """Return (F, 3) upward body vectors, and their smallest, usual and largest length in metres.
+def raised_part(
+    positions: np.ndarray, labels: Sequence[str]
+) -> tuple[np.ndarray | None, float, tuple[float, float, float]]:
+    """Return vectors (F, 3) between two labelled body parts, their median length, and its human range in metres.
 
-    The vectors are None without two such parts. Long takes are subsampled.
+    The vectors point upwards in a standing person. Without two labelled parts they are None, and the length is NaN.
     """
     frames = positions[:: max(1, len(positions) // 500)]
     names = [re.sub(r"[^A-Z0-9]", "", label.rpartition(":")[2].upper()) for label in labels]
@@ -177,26 +170,26 @@ def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarra
     for (a, b), length in _COMPARED.items():
         if levels[a] and levels[b]:
             high, low = (quantile(frames[:, levels[k]], 0.5, 1, "nearest") for k in (a, b))
-            return high - low, length
-    return None, (0.0, 1.0, np.inf)
+            apart = float(quantile(np.linalg.norm(high - low, axis=-1), 0.5, 0, "nearest"))
+            return high - low, apart, length
+    return None, np.nan, (0.0, 1.0, np.inf)
 
 
 def _above_floor(positions: np.ndarray) -> str | None:
-    """Return the only axis along which all markers are above 0 and start near it, or None."""
+    """Return the only axis along which the lowest marker is near 0. Return None if there are several, or none."""
     ends = {axis: (_lowest(positions, axis), _lowest(positions, axis, 0.98)) for axis in UP_AXES}
     above = [axis for axis, (low, high) in ends.items() if -BELOW_M < low < FLOOR_M and high > 2 * FLOOR_M]
     return above[0] if len(above) == 1 else None
 
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
-    """Return the ``share`` quantile of marker heights along ``axis``, or NaN."""
     with np.errstate(invalid="ignore"):  # missing markers
         heights = positions @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, 0, "nearest"))
 
 
 def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:
-    """Return whether a person extended along ``body`` may lie on the floor if ``axis`` is up."""
+    """Return whether a body along the axis ``body`` may lie on the floor of a world with the up axis ``axis``."""
     low = _lowest(positions, axis) > -BELOW_M and _lowest(positions, axis, 0.75) < FLOOR_M
     return low and not -BELOW_M < _lowest(positions, body) < FLOOR_M
 
@@ -213,11 +206,9 @@ def metres_in(unit: str) -> float:
     return METRES[unit]
 
 
-SMALLEST_M, LARGEST_M = 0.03, 30.0
-"""Range of the marker spread in metres over most frames. Outside it, the stated unit is wrong."""
-PERSON_M = (0.25, 4.0)  # Range of the marker spread of a person, metres.
+SPREADS_M = (0.03, 30.0)  # Range of the marker spread in metres. Outside it, the stated unit is wrong.
 _STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m", "in": "inch", "f": "foot"}
-"""Unit by the first letters of its name. Files have mm, Millimeters, METERS, mete, m, inches, ft."""
+"""Unit by the first letters of its name. Files contain mm, Millimeters, METERS, mete, m, inches, ft."""
 
 
 def unit_named(text: str) -> str | None:
@@ -230,7 +221,7 @@ def unit_named(text: str) -> str | None:
 
 
 def spread(positions: np.ndarray) -> float:
-    """Return the median of the longest side of the box around most markers, or NaN."""
+    """Return the median over frames of the longest side of the box around most markers, or NaN."""
     frames = positions[:: max(1, len(positions) // 200)]
     sides = quantile(frames, 0.9, 1, "nearest") - quantile(frames, 0.1, 1, "nearest")
     return float(quantile(sides.max(axis=-1), 0.5, 0, "nearest"))
@@ -241,34 +232,33 @@ def find_unit(
 ) -> Recognised:
     """Find the length unit of marker positions.
 
-    The unit ``given`` by the user wins, then the file's. The file's unit is rejected if the marker spread is outside
-    ``SMALLEST_M`` to ``LARGEST_M``, or if the labelled body parts have no human distance. Then the unit that gives a
+    The unit ``given`` by the user wins, then the unit of the file. The unit of the file is rejected if the marker
+    spread is outside ``SPREADS_M``, or if the labelled body parts have no human distance. Then the unit that gives a
     human size is used.
 
     Args:
-        positions: (F, M, 3) positions in the file's unit.
-        stated: the file's name of the unit, empty if there is none.
-        default: the most common unit of the format.
+        positions: (F, M, 3) positions in the unit of the file.
+        stated: name of the unit in the file, or an empty text.
+        default: most common unit of the format.
     """
     if given is not None:
         metres_in(given)
         return _unit(given, "given")
     size = spread(positions)
     name = unit_named(stated)
-    raised, (least, usual, most) = raised_part(positions, labels)
-    apart = np.nan if raised is None else float(quantile(np.linalg.norm(raised, axis=-1), 0.5, 0, "nearest"))
+    _, apart, (least, usual, most) = raised_part(positions, labels)
 
-    def fits(unit: str, low: float, high: float, factor: float = 1.0) -> bool:
+    def fits(unit: str, spreads: tuple[float, float], factor: float = 1.0) -> bool:
         body = not np.isfinite(apart) or least / factor <= apart * METRES[unit] <= most * factor
-        return low <= size * METRES[unit] <= high and body
+        return spreads[0] <= size * METRES[unit] <= spreads[1] and body
 
-    if name is not None and not (size > 0 and not fits(name, SMALLEST_M, LARGEST_M, CLEAR)):
+    if name is not None and (not size > 0 or fits(name, SPREADS_M, CLEAR)):
         return _unit(name, "file")
     units = (default, "mm", "m", "cm")
     if np.isfinite(apart):  # an adult in inches resembles a crouching person in centimetres
         units = tuple(sorted(METRES, key=lambda unit: abs(np.log(max(apart, 1e-9) * METRES[unit] / usual))))
     for other in dict.fromkeys(units):
-        if fits(other, *PERSON_M):
+        if fits(other, (POSSIBLE_M[0] / CLEAR, POSSIBLE_M[1] * CLEAR)):
             if name is None:
                 return Recognised(other, diagnostic("unit_read", source="spread", unit=other, spread=size))
             problem = diagnostic("marker_unit_not_as_stated", stated=name, spread=size * METRES[name], unit=other)

@@ -18,8 +18,6 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.camera_paths import ESTIMATED, FilmedPath
 from solver_backend.io.recognition.gravity import foot_keypoints, turn_to_z
 from solver_backend.priors.lifted_take import LiftedTake, lift_take, lowest_feet, up_by_floor
-from solver_backend.priors.prior_on_body import prior_on_body
-from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, Keypoints2D
 
 STEP_S, STANDS_M_S = 0.2, 0.4
@@ -40,10 +38,10 @@ def fit_path(
     A stature of 0 means an average adult.
     """
     body = load_body()
-    landmarks, prior = keypoint_landmarks(body, keypoints.joint_set), prior_on_body(load_sposer(), body.layout)
+    landmarks = keypoint_landmarks(body, keypoints.joint_set)
     turns = path.R
     if path.up is None:
-        lifted = lift_take(replace(camera, path=None), keypoints, body, prior, None)
+        lifted = lift_take(replace(camera, path=None), keypoints, body)
         up = unit(_mean_up(lifted, turns))
     else:
         up, turns = path.up, _upright_turns(camera, keypoints, path)
@@ -54,7 +52,7 @@ def fit_path(
         turns = Q @ turns
         steady, seen = steady_camera(camera.carried(R, -np.einsum("fab,fb->fa", R, centre)), keypoints)
         V, _ = steady.poses(0, len(R))
-        lifted = lift_take(steady, seen, body, prior, V[:, :, 2] if path.up is not None or not again else None)
+        lifted = lift_take(steady, seen, body, up=V[:, :, 2] if path.up is not None or not again else None)
         size = stature_m / body.stature_m if stature_m else 1.0
         from_camera = size * lifted.placed(body, landmarks, np.zeros(10))[0] @ V
         shown = lifted.confidence > 0
@@ -91,8 +89,7 @@ def _upright_turns(camera: Cameras, keypoints: Keypoints2D, path: FilmedPath) ->
 
     Phones state the pose of their sensor, which is rotated in a portrait video.
     """
-    body = load_body()
-    lifted = lift_take(replace(camera, path=None), keypoints, body, prior_on_body(load_sposer(), body.layout), None)
+    lifted = lift_take(replace(camera, path=None), keypoints, load_body())
     quarters = [np.linalg.matrix_power(QUARTER, turn) for turn in TURNS]
     assert path.up is not None  # see fit_path
     return path.R @ max(quarters, key=lambda turn: float(path.up @ _mean_up(lifted, path.R @ turn)))

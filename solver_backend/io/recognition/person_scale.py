@@ -1,4 +1,4 @@
-"""Estimate a world's scale from the stature or a distance between two keypoints."""
+"""Estimate the scale of a world from a person's stature or a distance between two keypoints."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ SHARES = {
         ("shoulder", "hip", 0.952),
     )
 } | {("left_shoulder", "right_shoulder"): 0.97, ("left_hip", "right_hip"): 0.987}  # fmt: skip
-"""Ends of the lengths that are compared with the body, and their ratio in moving people to the T-pose length. Arms that
-hang lower the shoulders. Medians of eight takes of walking, dance and exercises agree within 0.01."""
+"""Pairs of keypoints, and the ratio of their distance in moving people to their distance in the T-pose. Hanging arms
+lower the shoulders. The medians of eight takes of walking, dance and exercises agree within 0.01."""
 LEG_SHARE = sum(length for _, lower, length in BONES if lower in ("knee", "ankle"))
-"""Ratio of thigh plus shank to stature."""
-LENGTH_SIGMA_M = 0.012  # Standard deviation in metres between a detector's length, or a stated stature, and the body's.
+"""Length of thigh and shank relative to the stature."""
+LENGTH_SIGMA_M = 0.012  # Standard deviation of a detected bone length or a stated stature from the body's, metres.
 
 
 def bone_lengths(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> dict[tuple[str, str], float]:
-    """Return the median length of each bone in the joint set, in the unit of the points."""
+    """Measure the median length of each bone in the joint set, in the unit of the points."""
     names = joint_set.keypoints
     found = {}
     for a, b in SHARES:
@@ -60,17 +60,17 @@ def scale_from_stature(
     stature_m: float | None,
     body: Body | None = None,
 ) -> tuple[float, float]:
-    """Return the metres per unit of the points, and this scale's deviation.
+    """Estimate the metres per unit of the points, and the relative standard deviation of this scale.
 
-    Scale s and shape β minimise ``Σ (s l_i - L_i(β))²/σ² + |β|² + (h(β) - stature)²/σ_h²`` by Gauss-Newton iterations.
-    Here l are measured lengths and L the body's lengths. Legs, arms, trunk and breadths are used.
+    Scale s and shape β minimise ``Σ (s l_i - L_i(β))²/σ² + |β|² + (h(β) - stature)²/σ_h²`` by robust least squares.
+    Here l are measured lengths of limbs, trunk and breadths. L and h are the lengths and the stature of the body.
 
     Args:
         points: (F, K, 3) keypoints, NaN where unknown.
         stature_m: stature of the person in metres. None uses the distribution of adults.
 
     Raises:
-        JobInvalid: there are no bones, all bones have length zero, or the stature is impossible.
+        JobInvalid: there are too few bones, all bones have length zero, or the stature is impossible.
     """
     if stature_m is not None and not 0.5 < stature_m < 2.6:
         raise JobInvalid(f"A height of {stature_m:g} m is impossible.", hint="Specify it in metres, such as 1.78.")
@@ -103,7 +103,7 @@ def scale_from_stature(
 def scale_from_length(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, ends: tuple[str, str], length_m: float
 ) -> float:
-    """Return the metres per unit that give two keypoints a known distance.
+    """Return the metres per unit of the points from a known distance between two keypoints.
 
     Raises:
         JobInvalid: a keypoint is not in the joint set, or both are never visible together.
@@ -119,7 +119,6 @@ def scale_from_length(
 
 
 def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str], ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lengths of the mean shape in moving people, and their derivative by the ten betas."""
     names = joint_set.keypoints
     posed = np.array([SHARES[pair] for pair in pairs])
     ends = np.array([[names.index(a), names.index(b)] for a, b in pairs])
@@ -133,12 +132,12 @@ def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str],
 
 
 def _linear(of: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (N,) values of the mean shape, and their (N, 10) derivative by the betas."""
+    """Return the (N,) values of the mean body shape, and their (N, 10) derivative by the betas."""
     return of(np.zeros(10)), np.stack([(of(e) - of(-e)) / 2 for e in np.eye(10)], axis=-1)
 
 
 def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float[np.ndarray, "keypoints 3"]:
-    """Return the (K, 3) landmarks (``keypoint_landmarks``) of a body shape at rest, metres, Y up."""
+    """Return the keypoints of a body shape in the rest pose in metres, Y up."""
     still = np.eye(3)[None]
     return pose_landmarks(
         body, landmarks, betas, still, np.tile(np.eye(3), (1, NUM_BODY_JOINTS, 1, 1)), np.zeros((1, 3))
@@ -150,15 +149,14 @@ def _stature(body: Body, betas: np.ndarray) -> np.ndarray:
 
 
 _UNITS = ("m", "cm", "mm", "inch")
-"""Units that the person's size can distinguish. Feet are not included: a stature of 5.8 may also be in squares of a
-board or in units of structure from motion."""
+"""Units that a stature distinguishes. Feet are absent, because a stature of 5.8 may also be in squares of a board."""
 
 
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
-    """Return the calibration in a unit with a possible stature, and a length factor.
+    """Return the calibration in a unit with a possible stature, and a factor of all lengths.
 
-    The factor is 1 if the stature is possible, or unknown because the views do not agree. The unit changes only if just
-    the camera distances suggest it, and never with ``keep``.
+    The unit changes only if it was guessed from the distances between cameras, and never with ``keep``. If no unit
+    fits, the factor makes the person an average adult. Otherwise it is 1.
     """
     cameras, guessed = calibration.cameras, "" if keep else calibration.guessed_unit
     evidence, written = TakeEvidence(cameras, detections), Reading.as_written(len(cameras))

@@ -1,4 +1,4 @@
-"""Check the numbers of each capture. Impossible values are errors, implausible ones warnings."""
+"""Check the numbers of a capture. Impossible values are errors, and implausible values are warnings."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from solver_backend.io.recognition.world_fit import check_world
 from solver_backend.types import Cameras, Capture
 
 _ROUNDING = np.finfo(np.float32).resolution
-FOCAL_LENGTHS = (0.25, 20.0)  # Range in longer image sides. 0.25 has a field of view of 127°, 20 has 3°.
-IMPOSSIBLE = 50.0  # Factor beyond usual focal lengths or image sizes that no lens and no detector reaches.
-FARTHEST_M, COINCIDENT_M = 100.0, 0.01  # Largest and smallest distance of a camera from others, metres.
+FOCAL_LENGTHS = (0.25, 20.0)  # Range of usual focal lengths in longer image sides: fields of view of 127° and 3°.
+IMPOSSIBLE = 50.0  # Factor of usual focal lengths or image sizes that no lens and no detector reaches.
+APART_M = (0.01, 100.0)  # Range of usual distances between cameras, metres.
 FRAME_RATES = (1.0, 1000.0)  # Range of usual frame rates, Hz.
 
 
 def checked(capture: Capture) -> Capture:
-    """Return the capture with confidences in 0..1 and new diagnostics among its problems.
+    """Check all numbers of a capture, convert confidences to 0..1, and add diagnostics to its problems.
 
     Raises:
         CalibrationInvalid, CaptureInvalid: a number is impossible.
@@ -63,7 +63,6 @@ def _last_row(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
-    """Yield a problem for each implausible ratio of focal length to longer image side."""
     shares = cameras.K[:, [0, 1], [0, 1]] / cameras.image_size.max(axis=1, keepdims=True)
     least, most = FOCAL_LENGTHS
     for severity, factor in ((Severity.ERROR, IMPOSSIBLE), (Severity.WARNING, 1.0)):
@@ -81,7 +80,7 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
-    """Yield a problem for each lens with a decreasing distorted radius."""
+    """Yield a problem for each lens whose distorted radius decreases within the image."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
     for c in np.flatnonzero(np.isfinite(limits)):
         K, size = cameras.K[c], cameras.image_size[c]
@@ -99,12 +98,12 @@ def _places(cameras: Cameras) -> Iterator[Diagnostic]:
         if not np.linalg.norm(centre) < plausible.FARTHEST_M:
             yield diagnostic("place_impossible", kind="camera", cameras=[name], size=np.linalg.norm(centre) / 1000)
     away = np.linalg.norm(centres - np.median(centres, axis=0), axis=1)
-    far = {names[c]: away[c] for c in np.flatnonzero(away > FARTHEST_M)}
+    far = {names[c]: away[c] for c in np.flatnonzero(away > APART_M[1])}
     if far:
         places = [f"{name} ({size:.4g} m)" for name, size in far.items()]
-        yield diagnostic("camera_places_odd", kind="far", cameras=list(far), most=FARTHEST_M, places=places)
+        yield diagnostic("camera_places_odd", kind="far", cameras=list(far), most=APART_M[1], places=places)
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
-    for a, b in np.argwhere(np.triu(apart < COINCIDENT_M, 1)):
+    for a, b in np.argwhere(np.triu(apart < APART_M[0], 1)):
         yield diagnostic("camera_places_odd", kind="close", cameras=[names[a], names[b]], size=1000 * apart[a, b])
 
 
@@ -115,7 +114,6 @@ def _rate(capture: Capture) -> Iterator[Diagnostic]:
 
 
 def _beyond_pictures(capture: Capture) -> Iterator[Diagnostic]:
-    """Yield a problem about detections that are several image sizes beyond the edge."""
     if capture.cameras is None or capture.keypoints is None or not (capture.keypoints.confidence > 0).any():
         return
     seen, xy = capture.keypoints.confidence > 0, capture.keypoints.xy
@@ -141,4 +139,4 @@ def _markers(capture: Capture) -> Iterator[Diagnostic]:
 
 CAMERA_CHECKS = (_last_row, _focal_lengths, _odd_centres, _folds, _places)
 CAPTURE_CHECKS = (_rate, _beyond_pictures, _markers)
-"""Checks in the order of execution. An error rejects the capture, a warning becomes one of its problems."""
+"""Checks in this order. An error rejects the capture, and a warning becomes one of its problems."""

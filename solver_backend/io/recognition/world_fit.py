@@ -1,4 +1,4 @@
-"""Fit the up axis, scale, level and floor of a calibration's world to the person."""
+"""Correct the up axis, scale, level and floor of a calibration's world from the person."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
-from solver_backend.agreement.evidence import FRAMES, MOVED, POSES, SIGMAS, UNRELATED_NOISE, person_size
+from solver_backend.agreement.evidence import BOUND, FRAMES, MOVED, POSES, SIGMAS, UNRELATED_NOISE, person_size
 from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.agreement.single_view import LEAST_UPRIGHT
 from solver_backend.body.body import load_body
@@ -23,24 +23,19 @@ from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.plausible import HIGHEST_STEP_M
 from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSettings
 from solver_backend.geometry.arrays import quantile
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
-from solver_backend.io.recognition.gravity import SURE, Level, measure_level, middle_of, roll_gain
+from solver_backend.io.recognition.gravity import Level, measure_level, middle_of, roll_gain
 from solver_backend.io.recognition.marker_up_axis import FLOOR_M, rotation_to_z_up
 from solver_backend.io.recognition.path_fit import fit_path
 from solver_backend.io.recognition.person_scale import LEG_SHARE, scale_from_stature
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
-from solver_backend.priors.prior_on_body import prior_on_body
-from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 _LEG = ("hip", "knee"), ("knee", "ankle")
-IN_LINE = np.radians(15.0)  # Two cameras with a smaller angle between their views of the person show no depth.
 SHIFTED = 0.5 * MOVED
 """Largest constant offset of a camera's keypoints in sizes of the person. Good captures reach 0.012, and recorded
 cameras that are off by 20 to 33 pixels have 0.028 to 0.044."""
-TILT_DEG = 30.0  # Angle between the up of one camera's calibration and of its person. The lifter errs by 3 to 10.
-
-
 _CODES = frozenset({
     "person_triangulated", "stature_unlikely", "person_along_axis", "floor_off", "views_disagree", "cameras_shifted",
     "nothing_located", "views_in_line",
@@ -48,23 +43,23 @@ _CODES = frozenset({
 
 
 def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics without the codes of an earlier world check."""
+    """Remove the diagnostics of an earlier world check."""
     return tuple(item for item in found if item.code not in _CODES)
 
 
 @dataclass(frozen=True)
 class WorldCheck:
-    """Measurements of the triangulated person, NaN where unavailable."""
+    """Measurements of a triangulated person, NaN where unknown."""
 
     points: np.ndarray  # (F, K, 3) keypoints in the sampled frames, metres.
     joint_set: JointSet  # Joint set of the keypoints.
     fps: float  # Frame rate of the sampled frames.
     residual_px: float = float("nan")  # Median reprojection error in pixels.
     off_px: dict[str, float] = field(default_factory=dict)
-    """Median offset in pixels of each camera's keypoints from the points of the other cameras."""
+    """Median distance in pixels of each camera's keypoints from the points of the other cameras."""
     person_px: tuple[float, ...] = ()  # Size of the person in each view in pixels.
     views: tuple[str, ...] = ()  # Names of the cameras.
-    apart: float = np.pi / 2  # Angle between the two viewing directions of the person, radians.
+    apart: float = np.pi / 2  # Angle between the directions from the person to two cameras, radians.
 
     def moved(self, turn: np.ndarray, floor_m: float = 0.0) -> WorldCheck:
         """Transform the measurements to the world ``x' = turn x - (0, 0, floor)``."""
@@ -72,20 +67,20 @@ class WorldCheck:
 
     @cached_property
     def stature_m(self) -> float:
-        """Stature in metres from the lengths of thigh and shank."""
+        """Stature in metres, from the lengths of thighs and shanks."""
         at = {name: self.points[:, k] for k, name in enumerate(self.joint_set.keypoints)}
         legs = [[at[f"{s}_{a}"] - at[f"{s}_{b}"] for s in ("left", "right")] for a, b in _LEG]
         return sum(float(quantile(np.linalg.norm(np.concatenate(leg), axis=-1), 0.5, 0)) for leg in legs) / LEG_SHARE
 
     @cached_property
     def _ends(self) -> np.ndarray:
-        """(2, F) heights of the lowest and highest keypoint in frames with eight or more keypoints."""
+        """(2, F) heights of the lowest and the highest keypoint in frames with eight or more keypoints."""
         z = self.points[np.isfinite(self.points[..., 2]).sum(axis=1) >= 8, :, 2]
         return np.stack([np.nanmin(z, axis=1), np.nanmax(z, axis=1)])
 
     @property
     def height_m(self) -> float:
-        """95th percentile of the height difference between highest and lowest keypoint."""
+        """95th percentile over frames of the height difference between the highest and the lowest keypoint."""
         return float(quantile(self._ends[1] - self._ends[0], 0.95, axis=0))
 
     @property
@@ -95,13 +90,13 @@ class WorldCheck:
 
     @cached_property
     def upright(self) -> np.ndarray:
-        """(3,) median direction from ankles to shoulders, in world axes."""
+        """(3,) median direction from the ankles to the shoulders in world axes."""
         ankles, shoulders = (middle_of(self.points, self.joint_set.keypoints, part) for part in ("ankle", "shoulder"))
         up = shoulders - ankles
         return quantile(up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9), 0.5, axis=0)
 
     def found(self) -> tuple[Diagnostic, ...]:
-        """Return a note with the measurements, and a diagnostic for each implausible one."""
+        """Return a note with the measurements, and a diagnostic for each implausible measurement."""
         found, name = list[Diagnostic](), self.up_axis().upper()
         figures: dict[str, Any] = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
         if np.isfinite(self.stature_m):
@@ -114,7 +109,7 @@ class WorldCheck:
             raised = 0 < self.lowest_m <= HIGHEST_STEP_M  # stairs, trampolines and stages are also above the floor
             severity = Severity.NOTE if raised else Severity.WARNING
             found.append(diagnostic("floor_off", severity=severity, lowest=self.lowest_m))
-        if np.sin(self.apart) < np.sin(IN_LINE):
+        if SIGMAS * np.sin(self.apart) < 1.0:  # errors along the views are many times the errors across them
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
         if self.residual_px > UNRELATED_NOISE * np.mean(self.person_px or 1.0):  # no single camera is then the cause
             return (*found, diagnostic("views_disagree", size=self.residual_px))
@@ -128,7 +123,7 @@ class WorldCheck:
         return STATURES_M[0] < self.stature_m < STATURES_M[1]
 
     def up_axis(self) -> str:
-        """Return the axis along the standing person, such as '-y', or 'z' if none is clear."""
+        """Return the axis along the standing person, such as '-y'. Return 'z' if no axis is clear."""
         axis = int(np.argmax(np.abs(np.nan_to_num(self.upright))))
         value = float(self.upright[axis])
         clear = abs(value) > LEAST_UPRIGHT and self._is_possible
@@ -136,7 +131,7 @@ class WorldCheck:
 
 
 def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
-    """Measure a person triangulated in up to ``FRAMES`` frames. Nothing can be measured in a single view."""
+    """Triangulate a person in up to ``FRAMES`` frames, and measure the result. One view gives no measurements."""
     if len(cameras) == 1:
         nowhere = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan)
         return WorldCheck(nowhere, keypoints.joint_set, keypoints.fps)
@@ -153,6 +148,10 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
         shift = shift[np.isfinite(shift).all(-1)]
         if len(shift):
             off_px[name] = float(np.linalg.norm(np.median(shift, axis=0)))
+    known, apart = points[np.isfinite(points).all(-1)], np.pi / 2
+    if len(cameras) == 2 and len(known):
+        one, other = unit(cameras.centres - np.median(known, axis=0))
+        apart = float(np.arccos(np.clip(one @ other, -1.0, 1.0)))
     return WorldCheck(
         points,
         keypoints.joint_set,
@@ -161,38 +160,32 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
         off_px=off_px,
         person_px=tuple(person_size(np.where((confidence > 0)[..., None], xy, np.nan)).tolist()),
         views=cameras.names,
-        apart=_angle(cameras, points) if len(cameras) == 2 else np.pi / 2,
+        apart=apart,
     )
-
-
-def _angle(cameras: Cameras, points: np.ndarray) -> float:
-    """Return the angle in radians between the directions from a person to two cameras."""
-    known = points[np.isfinite(points).all(-1)]
-    middle = np.median(known, axis=0) if len(known) else cameras.centres.mean(axis=0)
-    a, b = cameras.centres - middle
-    return float(np.arccos(np.clip(a @ b / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-9), -1.0, 1.0)))
 
 
 @dataclass(frozen=True)
 class WorldFit:
-    """Cameras in a corrected world, with the person in it and the changes."""
+    """Cameras in a corrected world, the measured person, and the corrections."""
 
     cameras: Cameras
     check: WorldCheck
-    found: tuple[Diagnostic, ...] = ()  # Changes. Those that the settings requested are notes.
-    from_person: bool = False  # True if the person determined up and floor of a single camera's world.
+    found: tuple[Diagnostic, ...] = ()  # Corrections. Requested corrections are notes, others are warnings.
+    from_person: bool = False  # True if up and floor of a single camera's world come from the person.
 
 
 def scale_world(
     cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Scale the cameras as the settings request. Return them with notes and warnings.
+    """Scale the world by the factor or the stature in the settings. Return notes and warnings too.
 
-    Scaling a world by ``s`` changes no image: ``x_cam = R x + t`` becomes ``R x + s t``. The keypoints are of the
-    person with the known stature.
+    A scale ``s`` changes no image: ``x_cam = R x + t`` becomes ``R x + s t``.
+
+    Args:
+        keypoints: detections of the person with the stated stature.
 
     Raises:
-        JobInvalid: both are given, the stature is impossible, or too little of the person is visible.
+        JobInvalid: both settings are given, the stature is impossible, or too little of the person is visible.
     """
     by_stature = settings.stature and len(cameras) > 1  # a single camera does not determine the scale
     if by_stature and settings.scale != 1.0:
@@ -217,10 +210,13 @@ def find_people(
     settings: WorldSettings,
     to_plausible: float = 1.0,
 ) -> tuple[Cameras, tuple[SelectedPerson, ...], tuple[Diagnostic, ...]]:
-    """Return the cameras in the requested scale, the people, and notes.
+    """Select the people, and scale the world. Return the cameras, the people and notes.
 
-    People are matched in metres, after lengths are multiplied by ``to_plausible`` (see ``in_persons_unit``). They are
-    searched again after a change of scale. ``select`` returns the main person first.
+    People are selected again after a change of scale, because their distances are compared in metres.
+
+    Args:
+        select: returns the people in front of the cameras, the main person first.
+        to_plausible: factor of all lengths for the first selection (see ``in_persons_unit``).
     """
     plausible = cameras.scaled(to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)
@@ -235,18 +231,18 @@ def fit_world(
     up_axis: str | None = None,
     rolls: Sequence[int] = (),
 ) -> WorldFit:
-    """Transform the cameras to a world with an upright person.
+    """Transform the cameras to a world in which the person is upright.
 
-    A calibration without a floor has the axes of a camera, with y down, or of a board.
+    A calibration without a floor often has the axes of its first camera, with y down, or of a calibration board.
 
     Args:
         cameras: C cameras in metres.
-        up_axis: up axis from the user. No other axis is then tried.
-        rolls: quarter turns of recorded images relative to the calibrated ones. Either may be upright.
+        up_axis: up axis from the user, which is final.
+        rolls: quarter turns from the calibrated to the recorded images. The upright images may be either of them.
 
     Raises:
         NoDetections: levelling was requested, and no person is upright.
-        JobInvalid: a camera path is given for several cameras. See ``read_camera_path`` for errors in its file.
+        JobInvalid: a camera path is given for several cameras, or is invalid (see ``read_camera_path``).
     """
     if len(cameras) == 1:
         return _fit_one_camera(cameras, keypoints, settings)
@@ -256,7 +252,7 @@ def fit_world(
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
     up = rotation_to_z_up(axis)[2]  # A person along it is lying if the cameras are level in the present world.
-    lies = roll_gain(_least_rolled(cameras.R, rolls, up), up) <= -SURE
+    lies = roll_gain(_least_rolled(cameras.R, rolls, up), up) <= -BOUND
     if up_axis is None and axis != "z" and settings.level != OFF and not lies:
         cameras, world = _moved(cameras, world, rotation_to_z_up(axis))
         problems = (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
@@ -267,7 +263,6 @@ def fit_world(
 def _level(
     cameras: Cameras, world: WorldCheck, how: str, rolls: Sequence[int]
 ) -> tuple[Cameras, WorldCheck, tuple[Diagnostic, ...]]:
-    """Level the world. Return the cameras and the person in it, and the changes."""
     if how == OFF:
         return cameras, world, ()
     try:
@@ -284,14 +279,13 @@ def _level(
 
 
 def _least_rolled(R: np.ndarray, rolls: Sequence[int], up: np.ndarray) -> np.ndarray:
-    """Return the rotations with the recorded or the calibrated image roll, whichever fits ``up`` better."""
+    """Return the rotations of the recorded or the calibrated images, whichever are more upright."""
     if not any(rolls) or not np.isfinite(up).all():
         return R
     return max((R, unrolled(R, rolls)), key=lambda rotations: roll_gain(rotations, up))
 
 
 def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:
-    """Transform both to the world ``x' = turn x - (0, 0, floor)``."""
     R = cameras.R @ turn.T
     return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world.moved(turn, floor_m)
 
@@ -301,31 +295,30 @@ def _levelled(level: Level, how: str) -> Diagnostic:
     figures = {"tilt": tilt, "sigma": sigma, "floor": level.floor_upright_m}
     if how != AUTO:
         return diagnostic("world_levelled", reason="asked", severity=Severity.NOTE, **figures)
-    witnesses = "the person and the cameras" if level.cameras > 0 else "the person"
+    witnesses = "the person and the cameras" if level.gains[2] > 0 else "the person"
     return diagnostic("world_levelled", reason="shown", witnesses=witnesses, **figures)
 
 
 def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> WorldFit:
-    """Keep the camera's world, or use the person's if the calibration's up direction is impossible."""
+    """Keep the camera's world, or use the person's world if the person would not be upright."""
     check = check_world(camera, keypoints)
     if settings.camera_path or camera.path is not None:
         return _fit_carried_camera(camera, keypoints, settings, check)
-    if settings.level == ON:
-        stood, note = stand_camera(camera, keypoints, settings.stature)
-        return WorldFit(stood, check, (note,), from_person=True)
-    body = load_body()
-    lifted = lift_take(camera, keypoints, body, prior_on_body(load_sposer(), body.layout), None)
-    off = float(np.degrees(np.arccos(np.clip(lifted.up @ camera.R[0, :, 2], -1.0, 1.0))))
-    if off < TILT_DEG or settings.level == OFF:
+    if settings.level == OFF:
         return WorldFit(camera, check)
-    stood, _ = stand_camera(camera, keypoints, settings.stature)
-    return WorldFit(stood, check, (diagnostic("up_by_person", basis="single", angle=off),), from_person=True)
+    stood, note = stand_camera(camera, keypoints, settings.stature)
+    if settings.level != ON:
+        upright = float(camera.R[0, :, 2] @ stood.R[0, :, 2])
+        if upright > LEAST_UPRIGHT:
+            return WorldFit(camera, check)
+        note = diagnostic("up_by_person", basis="single", angle=np.degrees(np.arccos(max(upright, -1.0))))
+    return WorldFit(stood, check, (note,), from_person=True)
 
 
 def _fit_carried_camera(
     camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings, check: WorldCheck
 ) -> WorldFit:
-    """Apply a camera path from a file, or level the capture's own path again."""
+    """Apply a camera path from a file, or level the path of the capture."""
     count = keypoints.num_frames
     if settings.camera_path:
         path = read_camera_path(settings.camera_path, count, keypoints.fps)
@@ -341,10 +334,10 @@ def _fit_carried_camera(
 
 
 def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> tuple[Cameras, Diagnostic]:
-    """Place a camera above the origin of a person's world (stature 0 for the average)."""
+    """Place a single camera above the floor of the filmed person. A stature of 0 means an average adult."""
     body = load_body()
     landmarks = keypoint_landmarks(body, keypoints.joint_set)
-    lifted = lift_take(camera, keypoints, body, prior_on_body(load_sposer(), body.layout), None)
+    lifted = lift_take(camera, keypoints, body)
     points = lifted.placed(body, landmarks, np.zeros(10))[0]
     up = up_by_floor(lifted, points, landmarks.names)
     forward = np.array([0.0, 0.0, 1.0]) if abs(up[2]) < 0.95 else np.array([0.0, -np.sign(up[2]), 0.0])

@@ -51,7 +51,7 @@ from solver_backend.sensors.wand.views import (
 )
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
-from solver_backend.videos.sync.clocks import Clocks, SyncUnknown, at_times, clocks_of_signals, convolved
+from solver_backend.videos.sync.clocks import Clocks, SyncUnknown, at_times, clocks_of_signals, smoothed
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
 SIGMA_PX = 0.3  # Standard deviation in pixels of a detected light or marker. It sets the robust scales.
@@ -327,13 +327,8 @@ def _speed(view: WandView, wand: Wand | None) -> Signal:
     count = int((view.times_s[-1] - view.times_s[0]) * RATE_HZ) + 1
     wanted = view.times_s[0] + np.arange(count) / RATE_HZ
     located = np.isfinite(middle).all(1)
-    place = at_times(middle[located], view.times_s[located], wanted)
-    known = np.isfinite(place).all(1)
-    reach = max(round(3 * SMOOTHING_S * RATE_HZ), 1)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SMOOTHING_S * RATE_HZ)) ** 2)
-    total, share = (convolved(a, kernel) for a in (np.where(known[:, None], place, 0.0), known.astype(float)))
-    smooth = np.where((share > 0.5 * kernel.sum())[:, None], total / np.maximum(share, 1e-9)[:, None], np.nan)
-    speed = np.linalg.norm(np.gradient(smooth, axis=0), axis=-1) * RATE_HZ
+    place = smoothed(at_times(middle[located], view.times_s[located], wanted), SMOOTHING_S * RATE_HZ)
+    speed = np.linalg.norm(np.gradient(place, axis=0), axis=-1) * RATE_HZ
     known = np.isfinite(speed)
     if known.sum() < 2:
         return Signal(np.zeros((count, 1)), RATE_HZ, float(view.times_s[0]))

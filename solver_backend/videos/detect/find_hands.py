@@ -21,8 +21,6 @@ from solver_backend.exchange.joint_sets import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.parallel import usable_cores
 from solver_backend.priors.lifted_take import lift_take
-from solver_backend.priors.prior_on_body import prior_on_body
-from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import NUM_BETAS, UNSEEN_POINT, Cameras, Capture, Keypoints2D
 from solver_backend.types.shapes import Float
 from solver_backend.videos.detect.assemble import CROPPED_SHARE
@@ -405,8 +403,8 @@ def _lifted(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
     """Return (F, K, 3) keypoints in metres for an average person in front of the only camera."""
     view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
     camera, body = cameras.subset([view]), load_body()
-    prior, landmarks = prior_on_body(load_sposer(), body.layout), keypoint_landmarks(body, keypoints.joint_set)
-    lifted = lift_take(camera, keypoints.views([view]), body, prior, camera.R[0, :, 2])
+    lifted = lift_take(camera, keypoints.views([view]), body, up=camera.R[0, :, 2])
+    landmarks = keypoint_landmarks(body, keypoints.joint_set)
     return (lifted.placed(body, landmarks, np.zeros(NUM_BETAS))[0] - camera.t[0]) @ camera.R[0]
 
 

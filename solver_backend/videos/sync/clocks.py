@@ -15,33 +15,28 @@ from solver_backend.exchange.plausible import LATEST_S
 from solver_backend.io.files import read_json
 
 
-def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Convolve values along an axis with an odd symmetric kernel and zero padding."""
-    reach = len(kernel) // 2
-
-    def one(row: np.ndarray) -> np.ndarray:
-        return np.convolve(row, kernel)[reach : reach + len(row)]
-
-    return np.apply_along_axis(one, axis, np.asarray(values, dtype=np.float64))
-
-
 def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Smooth (N, ...) values with a Gaussian of ``sigma`` samples, NaN where less than half is known."""
+    """Smooth (N, ...) values with a Gaussian of ``sigma`` samples. Values are NaN where less than half is known."""
     reach = max(round(3 * sigma), 1)
     kernel, known = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2), np.isfinite(values)
-    total, share = (convolved(a, kernel) for a in (np.where(known, values, 0.0), known.astype(float)))
+
+    def total_near(row: np.ndarray) -> np.ndarray:
+        return np.convolve(row, kernel)[reach : reach + len(row)]
+
+    parts = np.where(known, values, 0.0), known.astype(float)
+    total, share = (np.apply_along_axis(total_near, 0, part) for part in parts)
     return np.where(share > 0.5 * kernel.sum(), total / np.maximum(share, 1e-9), np.nan)
 
 
 class SyncUnknown(MocapError):
-    """The recording does not show how the camera clocks differ."""
+    """The recording does not show the offsets of the camera clocks."""
 
 
 @dataclass(frozen=True)
 class Clocks:
-    """Clocks of C cameras. Time t is ``t + offset_c + rate_c (t - t0)`` in camera c's video.
+    """Clocks of C cameras. A time t is ``t + offset_c + rate_c (t - t0)`` in the video of camera c.
 
-    Each video's clock starts at its first image. The reference is the first camera's clock, with offset and rate 0.
+    The clock of a video starts at its first image. The first camera is the reference, with offset and rate 0.
     """
 
     names: tuple[str, ...]  # Names of the cameras.
@@ -49,21 +44,21 @@ class Clocks:
     rate: np.ndarray  # (C,) seconds per second. 1e-6 is one part in a million.
     covariance: np.ndarray  # (C, 2, 2) covariance of offset and rate, NaN where unknown.
     middle_s: float  # t0, seconds.
-    method: str = "as filmed"  # Method of the estimate.
+    method: str = "as filmed"  # Name of the method for users.
     findings: tuple[Diagnostic, ...] = ()  # Warnings for the user.
 
     @classmethod
     def alike(cls, names: tuple[str, ...]) -> Clocks:
-        """Return equal clocks, for cameras that were started together by wire or software."""
+        """Return equal clocks, for cameras that a wire or software synchronised."""
         count = len(names)
         return cls(names, np.zeros(count), np.zeros(count), np.zeros((count, 2, 2)), 0.0)
 
     def in_video(self, camera: int, times_s: np.ndarray) -> np.ndarray:
-        """Convert times to a camera's clock."""
+        """Convert times of the first camera's clock to the clock of another camera."""
         return times_s + self.offset_s[camera] + self.rate[camera] * (times_s - self.middle_s)
 
     def from_video(self, camera: int, times_s: np.ndarray) -> np.ndarray:
-        """Convert times of a camera's clock to the common clock, the inverse of ``in_video``."""
+        """Convert times of a camera's clock to the clock of the first camera."""
         late = times_s - self.offset_s[camera] - self.middle_s
         return self.middle_s + late / (1.0 + self.rate[camera])
 
@@ -91,10 +86,10 @@ class Clocks:
 
 
 def read_clocks(path: Path) -> Clocks:
-    """Read clocks that ``as_dict`` wrote.
+    """Read the camera clocks in a JSON file.
 
     Raises:
-        FileMissing, FileDamaged: there is no such file, or it has no clocks.
+        FileMissing, FileDamaged: the file does not exist, or contains no clocks.
     """
     values = read_json(path)
     try:
@@ -116,10 +111,13 @@ def read_clocks(path: Path) -> Clocks:
 
 
 def clocks_of_signals(names: tuple[str, ...], signals: Sequence[Signal], method: str, **limits: float) -> Clocks:
-    """Estimate camera clocks from signals with the same sample rate and the limits of ``signal_lags``.
+    """Estimate the camera clocks from one signal per camera, such as sound.
+
+    Args:
+        limits: keyword arguments of ``signal_lags``.
 
     Raises:
-        SyncUnknown: a camera agrees with no other camera.
+        SyncUnknown: the signal of a camera agrees with no other signal.
     """
     found = signal_lags(signals, **limits)
     if found.unknown:
@@ -132,14 +130,17 @@ def clocks_of_signals(names: tuple[str, ...], signals: Sequence[Signal], method:
     return Clocks(names, found.lag_s, found.rate, found.covariance, found.middle_s, method)
 
 
-EXACT_SHARE = 0.01  # A time this close to an image, relative to the interval, uses that image.
-LONGEST_GAP_S = 0.1  # Largest interval between images that are interpolated.
+EXACT_SHARE = 0.01  # Largest distance of a time from an image that is used as it is, in image intervals.
+LONGEST_GAP_S = 0.1  # Largest interval in seconds between two images that are interpolated.
 
 
 def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, fps: float) -> np.ndarray:
-    """Return the (F,) times that all videos cover, 1/fps apart, from their first and last times.
+    """Return the (F,) frame times of a take that all videos cover.
 
-    They begin with an image of the video that starts last, so that detections of synchronous cameras do not change.
+    The first frame is an image of the video that starts last, so that synchronous cameras are not interpolated.
+
+    Args:
+        first_to_last: time of the first and the last image of each video on its own clock, seconds.
     """
     spans = [clocks.from_video(c, np.array(span)) for c, span in enumerate(first_to_last)]
     start, stop = max(span[0] for span in spans), min(span[1] for span in spans)
@@ -147,7 +148,7 @@ def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, f
 
 
 def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Interpolate values (F, ...) at ascending times to (N, ...) times, NaN next to a missing image."""
+    """Interpolate values (F, ...) at ascending times to N other times. Return NaN beside a missing image."""
     if len(times_s) < 2:
         return np.full((len(wanted_s), *values.shape[1:]), np.nan)
     after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)

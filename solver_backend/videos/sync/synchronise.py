@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.agreement.evidence import SIGMAS
 from solver_backend.agreement.lags import RATE_SIGMA, Signal
-from solver_backend.agreement.reading import ENOUGH, limb_keypoints
+from solver_backend.agreement.reading import limb_keypoints
 from solver_backend.agreement.synchronisation import estimate_delays
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -25,33 +25,32 @@ from solver_backend.videos.sync.clocks import (
 )
 from solver_backend.videos.video_detections import VideoDetections
 
-BY_SPEEDS = "keypoint speeds"  # Method for clocks that needs no calibration.
-SPEED_RATE_HZ = 120.0  # Rate at which speeds are compared.
-PIECE_S = 6.0  # Length of a compared piece.
+BY_SPEEDS = "keypoint speeds"  # Name of the method that needs no calibration.
+SPEED_RATE_HZ = 120.0  # Sample rate of the speeds.
+PIECE_S = 6.0  # Length of a compared piece of the signals in seconds.
 FLOOR_S = 0.005
-"""Smallest standard deviation of a lag in seconds. Sound needs 3 ms per metre, microphones are some metres apart, and
-perspective shifts the peak of a speed."""
-SMOOTHED = 4.0  # Standard deviation of the smoothing in samples of the compared signals.
+"""Smallest standard deviation of a lag in seconds. Sound takes 3 ms per metre, and perspective shifts speed peaks."""
+SMOOTHED = 4.0  # Standard deviation of the smoothing of all signals in samples.
 
 
 def clocks_by_speeds(
     names: tuple[str, ...], tracks: list[np.ndarray], times_s: list[np.ndarray], joint_set: JointSet, reach_s: float
 ) -> Clocks:
-    """Estimate the clocks of cameras that record one person, from upward speeds.
+    """Estimate the clocks of cameras without a calibration, from the upward speeds of a person's limbs.
 
     Args:
         tracks: (F_c, K, 2) keypoints of the person in each view in px, NaN where missing.
-        times_s: (F_c,) times of each view from its first image.
+        times_s: (F_c,) times of the images of each view from its first image.
 
     Raises:
-        SyncUnknown: two views agree at no lag.
+        SyncUnknown: the speeds in a view agree with no other view.
     """
     signals = [speeds(track, when, joint_set) for track, when in zip(tracks, times_s, strict=True)]
     return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, piece_s=PIECE_S, floor_s=FLOOR_S)
 
 
 def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
-    """Return the upward speed of each limb's keypoint in pixels per second, 0 where unknown."""
+    """Return the upward speeds of the keypoints of the limbs in px/s, 0 where unknown."""
     columns = limb_keypoints(joint_set)
     wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * SPEED_RATE_HZ) + 1) / SPEED_RATE_HZ
     if len(wanted) < 2:
@@ -62,14 +61,14 @@ def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signa
     return Signal(speed - speed.mean(axis=0), SPEED_RATE_HZ, float(times_s[0]))
 
 
-SOUND_RATE_HZ = 2000  # Samples of the onsets per second. Peaks are located between samples.
+SOUND_RATE_HZ = 2000  # Sample rate of the onsets.
 BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
 
 
 def onsets(sound: Sound) -> Signal:
-    """Return the rate of increase of log-loudness in three bands, for any gain of a microphone.
+    """Return the onsets of sounds in three frequency bands, independent of the gain of the microphone.
 
-    The rate is ``max(0, d/dt log(e + e₀))`` with e the envelope of a band and e₀ its median.
+    An onset is ``max(0, d/dt log(e + e₀))`` with the envelope e of the band and its median e₀.
 
     Reference: Klapuri 1999 (onsets by relative differences of bands).
     """
@@ -88,25 +87,25 @@ def onsets(sound: Sound) -> Signal:
     return Signal(values - values.mean(axis=0), float(SOUND_RATE_HZ), sound.start_s)
 
 
-MOST_FRAMES = 4000  # Maximum number of frames for refining delays.
+MOST_FRAMES = 4000  # Largest number of frames from which clocks are refined.
 
 
 @dataclass(frozen=True)
 class FilmedTracks:
-    """One person in C views with separate clocks."""
+    """Keypoints of one person in calibrated cameras with separate clocks."""
 
-    cameras: Cameras  # C calibrated cameras.
-    tracks: list[np.ndarray]  # (F_c, K, 2) keypoints in px, NaN where missing.
-    times_s: list[np.ndarray]  # (F_c,) times from each video's first image, seconds.
-    joint_set: JointSet  # Joint set of the K keypoints.
-    fps: float  # Common frame rate for comparison.
+    cameras: Cameras
+    tracks: list[np.ndarray]  # (F_c, K, 2) keypoints in each view in px, NaN where missing.
+    times_s: list[np.ndarray]  # (F_c,) times of the images of each view from its first image, seconds.
+    joint_set: JointSet
+    fps: float  # Frame rate at which the views are compared.
 
 
 def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
-    """Estimate the clocks of calibrated cameras (see ``estimate_delays``).
+    """Estimate the clocks of calibrated cameras from a person's limbs (see ``estimate_delays``).
 
     Raises:
-        SyncUnknown: there is too little movement, or the views agree at no offset.
+        SyncUnknown: the person moves too little, or the views agree at no offset.
     """
     names, cameras = filmed.cameras.names, filmed.cameras
     longest = max(float(when[-1]) for when in filmed.times_s)
@@ -117,7 +116,7 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
     half_s = 0.5 * float(wanted[-1])
     reach = max(round(reach_s * filmed.fps), 2)
     found = estimate_delays(cameras, xy, reach, rate_sigma=RATE_SIGMA, samples=MOST_FRAMES)
-    if len(wanted) < ENOUGH or np.isnan(found.frames).any():
+    if np.isnan(found.frames).any():
         raise SyncUnknown(
             "The person moves too little or is visible too rarely to synchronise the cameras.", where=", ".join(names),
             hint="Wave both arms in view of all cameras, check that the calibration is for these cameras, or use "
@@ -128,18 +127,13 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
     for n, sigma in enumerate((found.sigma / filmed.fps, found.drift_sigma / filmed.fps / half_s)):
         covariance[1:, n, n] = sigma[1:] ** 2 + sigma[0] ** 2
     covariance[1:, 1, 1] /= 1 + covariance[1:, 1, 1] / RATE_SIGMA**2
-    alike = Clocks.alike(names)
-    return replace(
-        alike, offset_s=offset_s, rate=rate, covariance=covariance, middle_s=half_s, method="keypoints and cameras"
-    )
+    return Clocks(names, offset_s, rate, covariance, half_s, "keypoints and cameras")
 
 
 WAYS = ("auto", "keypoints", "sound", "none")
-"""Methods. ``auto`` uses keypoints, or sound if keypoints are not sufficient."""
-REACH_S = 6.5  # Largest offset in seconds.
-IN_STEP_FRAMES = 1.0
-"""Largest offset of synchronous cameras in frames, in addition to ``SIGMAS`` standard deviations. Four cameras started
-by hand are never within a frame. The solve corrects the rest."""
+"""Methods. ``auto`` uses keypoints, or sound if the keypoints are not sufficient."""
+REACH_S = 6.5  # Largest offset between two cameras in seconds.
+IN_STEP_FRAMES = 1.0  # Largest certain offset of synchronous cameras in frames. Cameras started by hand differ by more.
 ROLLING_SHUTTER = diagnostic("rolling_shutter")
 
 
@@ -149,7 +143,8 @@ def synchronise(
     """Estimate the clocks of the cameras of a take.
 
     Args:
-        cameras: calibrated cameras in the same order. None without a calibration.
+        cameras: calibrated cameras in the order of ``found``, or None without a calibration.
+        way: one of ``WAYS``. If neither keypoints nor sound suffice, "auto" assumes equal clocks and warns.
 
     Raises:
         SyncUnknown: the method cannot determine the clocks.
@@ -161,28 +156,21 @@ def synchronise(
     if way == "none" or len(found) == 1:
         return Clocks.alike(names)
     progress("Synchronising", 0, 1)
-    if way == "sound":
-        clocks = by_sound(found)
-    else:
-        clocks = by_keypoints(found, cameras) if way == "keypoints" else _by_what_tells(found, cameras)
+    try:
+        clocks = by_sound(found) if way == "sound" else by_keypoints(found, cameras)
+    except SyncUnknown as why:
+        if way != "auto":
+            raise
+        try:
+            clocks = by_sound(found)
+        except (SyncUnknown, VideoWithoutSound):
+            clocks = replace(Clocks.alike(names), findings=(diagnostic("clocks_assumed", reason=why.message),))
     progress("Synchronising", 1, 1)
     return in_step(clocks, float(np.median([item.fps for item in found])))
 
 
-def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Return clocks from keypoints, else from sound, else assume synchronised files and warn."""
-    try:
-        return by_keypoints(found, cameras)
-    except SyncUnknown as why:
-        try:
-            return by_sound(found)
-        except (SyncUnknown, VideoWithoutSound):
-            names = tuple(item.name for item in found)
-            return replace(Clocks.alike(names), findings=(diagnostic("clocks_assumed", reason=why.message),))
-
-
 def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Estimate the clocks from the main person, by geometry if calibrated, otherwise by speeds.
+    """Estimate the clocks from the main person, with the calibration if there is one.
 
     Raises:
         SyncUnknown: no person moves enough, or the views do not agree.
@@ -200,11 +188,11 @@ def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> C
 
 
 def by_sound(found: Sequence[VideoDetections]) -> Clocks:
-    """Estimate the clocks from sound.
+    """Estimate the clocks from the sound of the videos.
 
     Raises:
         VideoWithoutSound: a video has no sound.
-        SyncUnknown: the recordings have no common sound.
+        SyncUnknown: the videos have no common sound.
     """
     signals = []
     for item in found:
@@ -215,13 +203,9 @@ def by_sound(found: Sequence[VideoDetections]) -> Clocks:
 
 
 def in_step(clocks: Clocks, fps: float) -> Clocks:
-    """Return the clocks, or equal clocks if their differences do not exceed their uncertainty.
-
-    Detections of synchronous cameras are then not resampled.
-    """
+    """Return the clocks, or equal clocks if their differences are uncertain, so that detections are not resampled."""
     sigma = np.sqrt(clocks.covariance[:, 0, 0])
     allowed = np.minimum(np.maximum(SIGMAS * sigma, IN_STEP_FRAMES / fps), 2.0 * IN_STEP_FRAMES / fps)
-    # A rate that cannot be distinguished from zero within the take counts as zero.
     sure = np.abs(clocks.rate) > SIGMAS * np.sqrt(clocks.covariance[:, 1, 1])
     if (np.abs(clocks.offset_s) <= allowed).all() and not sure.any():
         method = f"{clocks.method}, in sync" if clocks.method != "as filmed" else clocks.method

@@ -151,9 +151,9 @@ def test_a_slope_tilts_no_world_of_cameras_that_roll(walked: np.ndarray) -> None
 
 
 def test_a_strong_witness_against_a_tilt_refutes_it(walked: np.ndarray) -> None:
-    level = replace(measure_level(walked, SET, ring(4).R, 30.0), tilt=0.2, sigma=0.01, balance=25.0, floor=25.0)
-    assert replace(level, cameras=-4.0).is_tilted
-    assert not replace(level, cameras=-19.0).is_tilted
+    level = replace(measure_level(walked, SET, ring(4).R, 30.0), tilt=0.2, sigma=0.01)
+    assert replace(level, gains=(25.0, 25.0, -4.0)).is_tilted
+    assert not replace(level, gains=(25.0, 25.0, -19.0)).is_tilted
 
 
 @pytest.mark.slow
