@@ -64,7 +64,7 @@ class ActorMissing(MocapError):
 
 
 class SolverStopped(MocapError):
-    """The solver ended with an error, which keeps its code."""
+    """The solver ended with an error. This error has the same code."""
 
     def __init__(self, event: ErrorEvent, exit_code: int) -> None:
         super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))
@@ -120,7 +120,7 @@ class BatchTaken(Broken, MocapError):
 
 
 class TakeUndoable(Broken, MocapError):
-    """A take of a batch ended every worker that tried it."""
+    """A take of a batch crashed every worker that tried it."""
 
 
 class ShotsMissing(Broken, MocapError):
@@ -132,4 +132,4 @@ class BlenderMissing(Broken, MocapError):
 
 
 class BakeFailed(Broken, MocapError):
-    """An unexpected error occurred, which the log locates."""
+    """An unexpected error occurred. The log contains its location."""

@@ -48,7 +48,7 @@ def bake_action(
         rest_pelvis: (3,) rest position of the shaped body's pelvis in the body's frame, in metres.
         keys_per_second: average number of keys to keep, connected by smooth curves. The action stores how far the
         result deviates from the full take. None writes a key at every frame.
-        tolerance_mm: keep as few keys as possible so that no joint moves farther than this from the full take.
+        tolerance_mm: keep as few keys as possible while every joint stays this close to the full take.
         edited: (F, 3 + 4 J) channels with hand edits, or None to use the motion's channels.
     """
     with keep_users_action(armature):
@@ -94,7 +94,7 @@ def bake_action(
 def key_root(
     target: CurveTarget, armature: bpy.types.Object, path: GroundPath, times: np.ndarray, metres_a_unit: float = 1.0
 ) -> None:
-    """Key the root control's location and rotation along a path at (F,) scene frames."""
+    """Key the root control along a path at (F,) scene frames. ``metres_a_unit`` is the armature's unit length."""
     axes = np.array(armature.data.bones[ROOT].matrix_local, np.float64)[:3, :3]
     types = key_type_values(None, len(times))
     armature.pose.bones[ROOT].rotation_mode = "QUATERNION"
@@ -138,7 +138,7 @@ def channel_poses(
 
 
 def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
-    """Yield the data path, the bone name and the columns of ``pose_channels`` for each property."""
+    """Yield each animated property's data path, its bone name and its columns in ``pose_channels``."""
     pelvis, *_ = layout.joints
     yield f'pose.bones["{pelvis}"].location', pelvis, slice(0, 3)
     for j, joint in enumerate(layout.joints):
@@ -148,8 +148,9 @@ def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
 def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
     """Convert (F, J, 3) axis-angle vectors to (F, J, 4) wxyz quaternions with continuous signs.
 
-    An axis-angle vector v in the body's frame is C v in the bone's axes. The root maps the body's frame to the world.
-    The armature already has the world's axes, so the rotation that makes the body upright is removed first.
+    An axis-angle vector v in the body's frame is ``C v`` in a bone's axes, where C is the bone's matrix in
+    ``R_bone_body`` (J, 3, 3). The root also makes the body upright. The armature is upright already, so this part of
+    the root's rotation is removed first.
     """
     quat = quat_from_rotvec(rotvec)
     quat[:, 0] = quat_multiply(QUAT_BODY_ARMATURE, quat[:, 0])
@@ -180,7 +181,10 @@ def read_pose(
     *,
     without_root: bool = False,
 ) -> BodyPose:
-    """Return the evaluated pose of a body. Pass ``R_bone_body`` to reuse a result of ``rotation_from_body_axes``."""
+    """Return the evaluated pose of a body, without the root control's motion if ``without_root`` is true.
+
+    Pass ``R_bone_body`` to reuse a result of ``rotation_from_body_axes``.
+    """
     R_bone_body = rotation_from_body_axes(armature) if R_bone_body is None else R_bone_body
     bones = [armature.pose.bones[joint] for joint in layout_of(armature.data.bones).joints]
     spaces = {"from_space": "POSE", "to_space": "LOCAL"}

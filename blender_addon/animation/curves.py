@@ -1,4 +1,4 @@
-"""Read and write whole animation curves in the data layout of each Blender version."""
+"""Read and write whole animation curves in any supported Blender version."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CurveTarget:
-    """An action's curves for one object."""
+    """The container of an action's animation curves for one object."""
 
     action: bpy.types.Action
     container: Any  # The slot's channelbag (Blender 4.4 and later), or the action itself.
@@ -86,7 +86,7 @@ def fit_strip(strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
 
 
 def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
-    """Yield an action's curves, in any Blender version."""
+    """Yield all animation curves of an action, in any Blender version."""
     if not hasattr(action, "slots"):
         yield from action.fcurves
         return
@@ -146,7 +146,10 @@ def curve_values(curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
 
 
 def keys_of(action: bpy.types.Action, *but: str) -> dict[tuple[str, int], tuple[Any, ...]]:
-    """Return a comparable description of an action's curves. Data paths that end in any of ``but`` are left out."""
+    """Return an action's keys and modifiers in a form that can be compared with ``==``.
+
+    Curves with a data path that ends in any of ``but`` are skipped.
+    """
     curves = (curve for curve in action_curves(action) if not curve.data_path.endswith(but))
     return {(curve.data_path, curve.array_index): _motion_of(curve) for curve in curves}
 
@@ -187,9 +190,9 @@ def write_curves(
     types: np.ndarray,
     slopes: np.ndarray | None = None,
 ) -> None:
-    """Write one curve per column, with linear segments, or with cubic segments of given slopes.
+    """Write one animation curve per column of values, with linear or cubic segments.
 
-    If a Bezier handle extends over a third of the interval to the next key, the segment is a cubic polynomial of time.
+    The Bezier handles of cubic segments span a third of the interval, so that values are cubic polynomials of time.
 
     Args:
         times: (F,) scene frames in ascending order, not necessarily whole.
@@ -216,7 +219,7 @@ def write_curves(
 
 
 def key_type_values(keyframes: np.ndarray | None, frames: int) -> np.ndarray:
-    """Return (F,) key types: KEYFRAME at the solver's keyframes and GENERATED elsewhere."""
+    """Return (F,) key types: KEYFRAME at the solver's keyframes and GENERATED in all other frames."""
     keyframe = _enum_value("type", "KEYFRAME")
     if keyframes is None:
         return np.full(frames, keyframe, dtype=np.int32)
@@ -248,22 +251,22 @@ _SAME = 1e-4  # Frame rates are equal if they differ by less than this fraction.
 
 
 def same_rate(a: float, b: float) -> bool:
-    """Return whether two frame rates are equal."""
+    """Return whether two frame rates are equal, within 0.01 %."""
     return abs(a - b) <= _SAME * max(a, b)
 
 
 def laid_rate(action: bpy.types.Action) -> float:
-    """Return the scene frame rate at which a take's keys were placed."""
+    """Return the scene frame rate that a take's keys were placed for."""
     return float(action[RATE])
 
 
 def mark_laid(action: bpy.types.Action, fps: float, frames: int, start: float, scene_fps: float) -> None:
-    """Store the timing of an action, so that it can later be adapted to another scene frame rate."""
+    """Store a take's timing in its action, which is needed to adapt it to another scene frame rate."""
     action["fps"], action["frames"], action["frame_start"], action[RATE] = fps, frames, start, scene_fps
 
 
 def played_takes(scene: bpy.types.Scene) -> Iterator[bpy.types.Action]:
-    """Yield each take that an object in the scene plays or has on the NLA, without duplicates."""
+    """Yield each take that an armature in the scene plays or has on the NLA, without duplicates."""
     seen: set[str] = set()
     for obj in scene.objects:
         animation = obj.animation_data if obj.type == "ARMATURE" else None

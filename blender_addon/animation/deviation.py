@@ -16,9 +16,9 @@ from ..conventions.timing import TakeTiming, go_to_frame
 
 @dataclass(frozen=True)
 class Deviation:
-    """Largest distances over several frames."""
+    """Largest distances between the two bodies over several frames."""
 
-    joints_mm: float  # Distance of pose bone heads from the motion's joints, or from the joint tree's without any.
+    joints_mm: float  # Distance of pose bone heads from the motion's joint positions, or from those of its pose.
     skin_mm: float  # Distance of the evaluated mesh from the model's skin, with its shape and pose correctives.
 
 

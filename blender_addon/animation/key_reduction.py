@@ -32,7 +32,7 @@ class SparseCurves:
         return cls(frames, values[frames], _fit_slopes(values, frames))
 
     def sampled(self, num_frames: int, dtype: type = np.float64) -> np.ndarray:
-        """Return the (F, N) values at every frame of the take."""
+        """Evaluate the curves at every frame of the take, and return values (F, N)."""
         if len(self.frames) == 1:
             return np.repeat(self.values.astype(dtype), num_frames, axis=0)
         left, basis = _hermite(self.frames, num_frames)
@@ -101,7 +101,7 @@ Distance = Callable[[np.ndarray], np.ndarray]
 def reduce_keys(
     values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance, progress: Progress = silent
 ) -> SparseCurves:
-    """Return curves with up to ``count`` keys: both ends and the best ``candidates``."""
+    """Return curves with at most ``count`` keys: the first and last frame, and the best ``candidates``."""
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
     laid = _lay(values, free, count, distance, progress)
@@ -111,7 +111,7 @@ def reduce_keys(
 def keys_within(
     values: np.ndarray, distance: Distance, tolerance_m: float, progress: Progress = silent
 ) -> SparseCurves:
-    """Return curves that stay within a tolerance. Keys are added at the worst frames."""
+    """Return curves with few keys that stay within ``tolerance_m`` of the take in every frame."""
     free, count = np.arange(len(values)), 2
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < len(free):
@@ -230,7 +230,7 @@ def thin_channels(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> tuple[SparseCurves, KeyDeviation]:
-    """Fit ``count`` keys to (F, 3 + 4 J) channels, or as many keys as the tolerance requires."""
+    """Reduce (F, 3 + 4 J) channels to ``count`` keys, or to as many as ``tolerance_mm`` requires."""
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
     heads, axes = rest_of(armature)

@@ -28,7 +28,10 @@ _UNSURE_AT_MOST = 0.3  # Highest confidence that a flagged frame can have (0 to 
 
 
 def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
-    """Return ``1 / (1 + (sigma / 3 cm)²)``, set to 0 in interpolated frames and limited to 0.3 in flagged ones."""
+    """Convert standard deviations of joints in metres to confidences from 0 to 1.
+
+    The confidence is ``1 / (1 + (sigma / 3 cm)²)``, but 0 in interpolated frames and at most 0.3 in unsure frames.
+    """
     confidence = 1.0 / (1.0 + (np.asarray(sigma_m, np.float64) / HALF_AT_M) ** 2)
     if flags is not None:
         unsure, unseen = (flags & FLAG_UNSURE) > 0, (flags & FLAG_UNSEEN) > 0
@@ -55,7 +58,7 @@ _GROUP = "Confidence"
 def write_lanes(
     target: CurveTarget, armature: bpy.types.Object, motion: MotionFile, frames: np.ndarray, times: np.ndarray
 ) -> None:
-    """Write confidence, resting joints and floor contacts of (N,) frames at (F,) scene frames.
+    """Write curves of confidence, resting joints and floor contacts for a motion's frames.
 
     The armature's value ignores resting joints. No measurement determines them, and they need no review.
     """
@@ -92,7 +95,7 @@ def write_lanes(
 def edit_contact(
     target: CurveTarget, armature: bpy.types.Object, part: str, scene_frames: tuple[int, int], edit: Sequence[object]
 ) -> None:
-    """Show a body part's edited contact in scene frames, and store it for the next solve.
+    """Add or remove a body part's floor contact in a range of scene frames, and store the edit for the next solve.
 
     ``edit`` contains the body part, the first and last capture frames, and whether the part touches the floor.
     """
@@ -139,7 +142,7 @@ def _bone_curves(action: bpy.types.Action | None, name: str) -> Iterator[tuple[s
 
 
 def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return (F,) scene frames and the confidence of the worst joint in each, or None if there are none."""
+    """Return (F,) scene frames and the confidence of the worst joint in each, or None for a take without them."""
     curve = next((c for c in action_curves(action) if c.data_path == _PATH), None)
     if curve is None:
         return None
@@ -158,12 +161,12 @@ def current_confidence(armature: bpy.types.Object) -> dict[str, float]:
 
 
 def resting_at(action: bpy.types.Action | None, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return an (F,) mask for each bone. It is True where no measurement determines the joint."""
+    """Return an (F,) mask for each bone. It is True in frames without a measurement of its joint."""
     curves = _bone_curves(action, RESTING)
     return {bone: np.array([curve.evaluate(float(t)) > 0.0 for t in times], dtype=bool) for bone, curve in curves}
 
 
 def resting_bones(armature: bpy.types.Object, frame: float) -> frozenset[str]:
-    """Return the bones whose joints no measurement determines, at a scene frame of the armature's take."""
+    """Return the bones without a measurement of their joint at a scene frame of the armature's take."""
     found = resting_at(current_action(armature), np.array([frame]))
     return frozenset(name for name, rests in found.items() if rests[0])

@@ -51,7 +51,7 @@ def playing_actions(obj: bpy.types.Object) -> list[bpy.types.Action]:
 
 
 def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
-    """Return a text about those actions in ``before`` that are now muted on the NLA."""
+    """Return sentences about the actions in ``before`` that are now muted on the NLA."""
     tracks = obj.animation_data.nla_tracks if before else ()
     strips = [(track, strip) for track in tracks for strip in track.strips]
     where = {strip.action: track.name for track, strip in strips if strip.action is not None}
@@ -63,9 +63,9 @@ def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
 
 @contextmanager
 def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
-    """Keep the user's action on an object while the block assigns another action.
+    """Keep the user's action on an object while the ``with`` block assigns another action.
 
-    An action on top of a take stays there, and the new action replaces the take below it. Any other user action moves
+    An action on top of a take remains there, and the new action replaces the take below it. Any other user action moves
     to a muted NLA track with its name and gets a fake user. Takes on the NLA are muted: a body plays only one take.
     """
     animation = obj.animation_data or obj.animation_data_create()
@@ -118,7 +118,7 @@ def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:
 
 
 def reset_root(obj: bpy.types.Object) -> None:
-    """Reset the root control for a newly solved take."""
+    """Reset the root control's transform, because a newly solved take has no root motion."""
     if (root := obj.pose.bones.get(ROOT)) is not None:
         root.matrix_basis.identity()
 
@@ -161,7 +161,7 @@ def add_layer(obj: bpy.types.Object, take: bpy.types.Action) -> bpy.types.Action
 
 @contextmanager
 def without_layers(obj: bpy.types.Object) -> Iterator[None]:
-    """Mute the user's layers on top of a take for the duration of the block."""
+    """Mute the user's layers on top of a take during the ``with`` block."""
     animation, strip = obj.animation_data, take_strip(obj)
     if animation is None or strip is None or not has_layers(obj):
         yield

@@ -41,7 +41,7 @@ def _write_keys(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
 
 
 def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ratio: float) -> None:
-    """Copy the curves that a solve does not write, with their times scaled by ``ratio``."""
+    """Copy the user's own curves to a newly solved take, with their times scaled by ``ratio`` around ``start``."""
     written = {(curve.data_path, curve.array_index) for curve in target.container.fcurves}
     left = tuple(f'pose.bones["{name}"]' for name in (*CONTROLS, *FINGER_CONTROLS))
     for curve in action_curves(source):
@@ -75,18 +75,18 @@ _SWITCHES = tuple(switch_path(limb) for limb in LIMBS)
 
 @dataclass(frozen=True)
 class RangeTimes:
-    """A range of a take, in scene frames."""
+    """First and last scene frame of a range in a take, and the step between its frames."""
 
     first: float
     last: float
     step: float  # Scene frames between two frames of the take.
 
     def holds(self, times: np.ndarray) -> np.ndarray:
-        """Return a mask of the (K,) times that lie inside the range."""
+        """Return a mask of the (K,) times inside the range."""
         return (times > self.first - _NEAR) & (times < self.last + _NEAR)
 
     def between(self, after: float, before: float) -> np.ndarray:
-        """Return the take's frames that lie strictly between two times."""
+        """Return the take's frames between two times, without the times themselves."""
         low, high = (int(np.ceil(round((t - self.first) / self.step, 3))) for t in (after, before))
         frames = self.first + self.step * np.arange(low, high)
         return frames[(frames > after + _NEAR) & (frames < before - _NEAR)]
@@ -123,7 +123,7 @@ def merge_range(
 
 
 def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
-    """Return the sign for each rotation curve that makes the new quaternions continue the old ones."""
+    """Return the sign (1 or -1) of each new quaternion curve that makes it continue the old curve."""
     before = times.first - times.step
     products: dict[str, float] = {}
     for (path, index), curve in new.items():
@@ -134,7 +134,7 @@ def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
 
 
 def _replace(curve: bpy.types.FCurve, solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> None:
-    """Insert the solved keys of a range between the old keys. Sample the old curve between sparse keys at both ends."""
+    """Replace the old keys in a range by the solved keys. Sample sparse old curves next to the range."""
     old, new = _read_keys(curve), _inside(solved, times, sign)
     if not len(old) or _is_constant(old, new):
         return

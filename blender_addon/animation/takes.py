@@ -1,4 +1,4 @@
-"""Manage takes. A take is a solved action on a body, on an NLA track or in the asset browser."""
+"""Play, find and store takes. A take is a solved action on a body, on an NLA track or in the asset browser."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BETAS = "betas"  # Custom property of an action: the shape with which it was sol
 
 @dataclass(frozen=True)
 class SolveFiles:
-    """Files that a solve has read and written."""
+    """Paths of the files that a solve has read and written."""
 
     motion: Path
     capture: Path | None
@@ -43,7 +43,7 @@ class SolveFiles:
 
 @dataclass(frozen=True)
 class SolvedAgain:
-    """A range of a take that was solved again."""
+    """The frame range of a take that was solved again."""
 
     take: str  # Name of the action.
     first: int  # First capture frame, counted from 0.
@@ -51,7 +51,7 @@ class SolvedAgain:
 
 
 def take_file(action: bpy.types.Action, key: str) -> Path:
-    """Return a take's file for a key in ``PATHS``, or an empty path if the take has none."""
+    """Return the path that a take stores under a key in ``PATHS``, or an empty path without one."""
     return file_of(action.get(key) or "", action.library)
 
 
@@ -81,7 +81,7 @@ def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bp
 
 
 def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
-    """Let a body play a take, with the take's shape, below any layers of the user."""
+    """Play a take on a body, with the take's body shape and below the user's layers."""
     with keep_users_action(armature):
         play_action(armature, action)
     restore_place(armature, action)

@@ -138,7 +138,7 @@ def _group_bones(data: bpy.types.Armature) -> None:
 
 
 def paint(bone: bpy.types.PoseBone) -> None:
-    """Colour a bone according to its side."""
+    """Colour a bone by its side: left blue, right red, middle yellow."""
     colour, target = np.array(_COLOURS.get(bone.name.split("_")[0], _MIDDLE_COLOUR)), bone.bone.color
     target.palette, target.custom.normal = "CUSTOM", colour
     target.custom.select, target.custom.active = (colour + share * (1 - colour) for share in (_SELECTED, _ACTIVE))

@@ -34,7 +34,7 @@ from .shown import SHOWN_FILE, Looks, Shapes, add_shown
 
 
 def _on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Convert the arrays of an SMPL-H or SMPL-X body to SMPL's joints. The skin stays the same while hands are flat."""
+    """Convert the arrays of an SMPL-H or SMPL-X body to SMPL's joints. Skin with flat hands does not change."""
     tree, count = np.asarray(arrays["kintree_table"]), _joint_count(arrays)
     if count not in FAMILY or FAMILY[count] is SMPL:
         return arrays
@@ -303,7 +303,7 @@ def pose_joints(rest: np.ndarray, rotvec: np.ndarray, transl: np.ndarray) -> tup
 
 
 def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
-    """Return a motion whose finger rotations are relative to the body's rest instead of a flat hand."""
+    """Convert a motion's finger rotations from a flat hand to the body's own hand at rest."""
     if not motion.flat_hands:
         return motion
     rotvec = motion.rotvec
@@ -314,7 +314,7 @@ def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
 
 
 def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
-    """Return axis-angle vectors (F, J, 3) for a layout's joints. Missing joints stay at rest."""
+    """Return a motion's axis-angle vectors (F, J, 3) for a layout's joints. Missing joints are at rest."""
     if motion.body_layout.joints == layout.joints:
         return motion.rotvec
     rotvec = np.zeros((motion.num_frames, layout.num_joints, 3))
@@ -325,7 +325,7 @@ def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
 
 
 def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
-    """Convert (F, 24 or 52, 3) axis-angle vectors to a layout's joints. Missing fingers stay at rest."""
+    """Convert (F, 24 or 52, 3) axis-angle vectors to a layout's joints. Missing fingers are at rest."""
     if rotvec.shape[1] == layout.num_joints:
         return rotvec
     turned = np.zeros((len(rotvec), layout.num_joints, 3))

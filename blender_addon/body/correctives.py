@@ -127,7 +127,7 @@ class CorrectiveTable:
     directions: np.ndarray  # (N, 3, 3, 3) metres: axis of the skin, then the row and column of ``R - I``.
 
     def part(self, chosen: np.ndarray) -> CorrectiveTable:
-        """Return the selected rows."""
+        """Return a table with only the chosen rows."""
         return CorrectiveTable(self.vertex[chosen], self.joint[chosen], self.directions[chosen])
 
 

@@ -57,7 +57,7 @@ def face_bones(armature: bpy.types.Object) -> list[str]:
 
 
 def turns_of_shapes(values: Mapping[str, np.ndarray], frames: int) -> dict[str, np.ndarray]:
-    """Return rotation vectors (F, 3) of the jaw and eyes for facial values, in the body's axes."""
+    """Convert values of facial shapes to rotation vectors (F, 3) of the jaw and eyes, in the body's axes."""
     none = np.zeros(frames)
     found = {"jaw": np.outer(values.get("jawOpen", none), np.deg2rad(_BONES["jaw"].turn_deg))}
     for side, flip in (("Left", 1.0), ("Right", -1.0)):
@@ -108,7 +108,7 @@ def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: Bod
 
 
 def _weights(bone: _FaceBone, pivot: np.ndarray, body: BodyFile) -> np.ndarray:
-    """Return weights (V,) that let a bone at a pivot move the skin as its facial shape does, as closely as possible."""
+    """Return the bone weights (V,) that best reproduce a facial shape by a rotation about a pivot."""
     vertices, offsets = body.face_shapes[bone.shape]
     points = body.v_template[vertices] - pivot
     moved = points @ matrix_from_rotvec(np.deg2rad(bone.turn_deg)).T - points
@@ -131,7 +131,7 @@ def _add_bones(data: bpy.types.Armature, places: dict[str, np.ndarray]) -> None:
 
 
 def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceBone]) -> None:
-    """Set up the controls. A deform bone moves back by the shape sliders' offset, as the head's does."""
+    """Set up the controls. As for the head, drivers move each deform bone back by the shape sliders' offset."""
     data, bones = armature.data, armature.pose.bones
     shown = data.collections_all.get(_COLLECTION) or data.collections.new(_COLLECTION)
     axes = np.array(data.bones[_HEAD].matrix_local.to_3x3()).T @ R_ARMATURE_BODY
@@ -174,6 +174,6 @@ def _give_skin(mesh: bpy.types.Object, name: str, weights: np.ndarray) -> None:
 
 
 def expressions_of(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
-    """Return the unmuted shape keys of the face, and those that the user added."""
+    """Return the facial shape keys that are not muted, including keys that the user added."""
     keys, known = mesh.data.shape_keys, {key.name for key in sliders(mesh)} | {*LOOK_KEYS.values()}
     return [key for key in keys.key_blocks if key != keys.reference_key and key.name not in known and not key.mute]

@@ -30,7 +30,7 @@ _FINGER_JOINTS = frozenset(SMPL_HANDS.joints[1 + SMPL.num_solved :])
 
 @dataclass(frozen=True)
 class BoneLayout:
-    """Layout of the J bones of a shaped body."""
+    """Heads, tails and roll axes of a shaped body's J bones."""
 
     heads: np.ndarray  # (J, 3) metres.
     tails: np.ndarray  # (J, 3) metres.
@@ -38,7 +38,7 @@ class BoneLayout:
 
 
 def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
-    """Lay out the bones of a body in a (10,) shape."""
+    """Return the bone layout of a body in a (10,) shape."""
     vertices, heads = standing(body, betas)
     roll_axes = np.stack([_roll(joint) for joint in body.layout.joints])
     return BoneLayout(heads, _tails(body.layout, heads, vertices, body.weights.argmax(axis=1)), roll_axes)

@@ -24,8 +24,6 @@ from .shape import LOOK_KEYS, add_key, sliders
 
 
 class _Paint(NamedTuple):
-    """Settings of a material."""
-
     name: str
     colour: Colour
     roughness: float = 0.55
@@ -183,5 +181,5 @@ def _create(paint: _Paint) -> bpy.types.Material:
 
 
 def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Return the editable body meshes of a scene."""
+    """Return a scene's body meshes that can be edited (not linked)."""
     return [obj for obj in scene.objects if obj.type == "MESH" and obj.is_editable and sliders(obj)]

@@ -16,7 +16,7 @@ _FLAT_DEG, _SKEW_DEG = 35.0, 60.0
 
 
 def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray) -> tuple[list[list[int]], np.ndarray]:
-    """Merge (T, 3) triangles into polygons. Return the polygons and their materials."""
+    """Merge pairs of (T, 3) triangles into quads. Return all polygons and their materials."""
     first, second, quads = _neighbours(faces)
     cost = _cost(vertices, quads)
     good = np.flatnonzero((cost < 1.0) & (material[first] == material[second]))

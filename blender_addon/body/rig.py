@@ -36,7 +36,7 @@ class _Driven:
 
 
 def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, rest_betas: np.ndarray) -> None:
-    """Add drivers through which the shape sliders move the joints and the IK bones.
+    """Add drivers that move the joints and the IK bones with the shape sliders.
 
     In its rest axes B_j, each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``. Its deform bone
     moves back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is the offset of joint j in a shape.
@@ -59,7 +59,7 @@ def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: Body
 
 @once_a_body
 def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[_Driven, list[tuple[float, _Driven]]]]:
-    """Return every location that the betas change, and the earlier locations that can drive it.
+    """Return each bone location that the betas change, and the earlier locations that can drive it.
 
     Args:
         names: names of N bones: first each bone that moves relative to its parent, then the deform bone of each joint.
@@ -81,7 +81,7 @@ def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[
 
 
 def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return a few driven locations whose combination equals this row, or [].
+    """Find a few driven locations that combine linearly to this row. Return [] if there are none.
 
     Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993) adds the most similar location in each step.
     """
@@ -106,7 +106,7 @@ def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float,
 
 
 def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return related locations whose combination equals this row with fewer terms, or []."""
+    """Combine all related locations linearly to this row. Return [] unless this needs fewer terms than the betas."""
     if not related:
         return []
     rows = np.stack([d.row for d in related])
@@ -141,7 +141,7 @@ def _drive_by_betas(
 
 @dataclass(frozen=True)
 class Rig:
-    """The Blender objects of a body."""
+    """Armature and mesh of a body in Blender."""
 
     armature: bpy.types.Object  # Posed and hidden deform bones, a root, and IK controls for hands and feet.
     mesh: bpy.types.Object  # The skin, with ten shape sliders and the pose correctives.

@@ -14,7 +14,7 @@ from .mesh import positions
 
 _UNNAMED = "detail"
 _LEAST_SHARE = 0.02
-"""A shape direction is named after a measure if it explains at least this fraction of the measure's variance."""
+"""Smallest fraction of a measure's variance that a shape direction must explain to get the measure's name."""
 _NAMES = {
     "stature": ("stature", "short stature"),
     "build": ("build", "slenderness"),

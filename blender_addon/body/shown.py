@@ -1,4 +1,4 @@
-"""Add the correctives, face, 52 facial shapes and looks that belong to the bundled body."""
+"""Read the bundled body's correctives, face, 52 facial shapes and looks."""
 
 from __future__ import annotations
 

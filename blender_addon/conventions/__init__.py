@@ -1,1 +1,1 @@
-"""Conventions that hold in the whole add-on: coordinate frames, time, names and colours."""
+"""Conventions of the whole add-on: coordinate frames, time, names and colours."""

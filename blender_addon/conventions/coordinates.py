@@ -5,7 +5,7 @@ left = +X), and becomes an armature in Blender's frame (Z up, facing -Y, left = 
 down, looking along +z, the centre of the top-left pixel at (0, 0)), and become Blender's (x right, y up, looking along
 -z, image coordinates from 0 to 1 starting at the bottom left).
 
-Blender's cameras have neither lens distortion nor skew, so they show the undistorted image.
+Blender's cameras have no lens distortion and no skew, so they show the undistorted image.
 """
 
 from __future__ import annotations

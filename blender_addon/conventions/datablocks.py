@@ -56,7 +56,7 @@ def child_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Colle
 
 
 def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
-    """Return the object and the property path that store the value of a modifier input."""
+    """Return the object and the property path that store a geometry-nodes input's value."""
     identifier = modifier.node_group.interface.items_tree[name].identifier
     if hasattr(modifier, "properties"):  # Blender 5.2 and later
         return getattr(modifier.properties.inputs, identifier), "value"
@@ -64,13 +64,13 @@ def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
 
 
 def get_input(modifier: bpy.types.NodesModifier, name: str) -> Any:
-    """Return the value of a modifier input."""
+    """Return the value of a geometry-nodes input."""
     owner, path = node_input(modifier, name)
     return owner.value if path == "value" else owner[path[2:-2]]
 
 
 def set_input(modifier: bpy.types.NodesModifier, name: str, value: Any) -> None:
-    """Set the value of a modifier input."""
+    """Set the value of a geometry-nodes input."""
     owner, path = node_input(modifier, name)
     if path == "value":
         owner.value = value
@@ -79,7 +79,7 @@ def set_input(modifier: bpy.types.NodesModifier, name: str, value: Any) -> None:
 
 
 def add_driver(owner: bpy.types.bpy_struct, path: str, axis: int = -1) -> bpy.types.Driver:
-    """Return a new driver of a property, or of one array element, that copies its source's value."""
+    """Add a driver to a property or an array element, without a curve that changes the driver's value."""
     curve = owner.driver_add(path, axis)
     for modifier in tuple(curve.modifiers):  # only before Blender 5
         curve.modifiers.remove(modifier)

@@ -1,4 +1,4 @@
-"""Number files of one kind in a folder, without reusing the numbers of existing files."""
+"""Name files and looks: numbered files in a folder, nouns with counts, and the looks of a body."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path
 
 
 def next_number(folder: Path, stem: str) -> int:
-    """Return 1 plus the highest N among the files in a folder that are named ``stem_N...``."""
+    """Return the next unused number N for a file with the name ``stem_N`` in a folder."""
     found = [re.match(rf"{re.escape(stem)}_(\d+)", path.name) for path in folder.glob(f"{escape(stem)}_*")]
     return 1 + max((int(match[1]) for match in found if match), default=0)
 
 
 def next_path(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Return the next free path in the series ``stem_01``, ``stem_02``, ...."""
+    """Return the next unused path in the series ``stem_01``, ``stem_02`` and so on."""
     return folder / f"{stem}_{next_number(folder, stem):02d}{suffix}"
 
 
@@ -23,7 +23,7 @@ CLIP = "clip_of"
 
 
 ROOT_MOTION = "root_motion"
-"""Custom property of a take whose travel is on the root control. Its other channels are relative to the root."""
+"""Custom property of a take with its travel on the root control. Its other channels are relative to the root."""
 
 
 def counted(count: int, thing: str) -> str:

@@ -35,7 +35,7 @@ def add_node(
 
 
 def enabled(sockets: Iterable[bpy.types.NodeSocket], name: str = "") -> Any:
-    """Return the first enabled socket. If a name is given, the socket must have it."""
+    """Return the first enabled socket, or the first enabled one with this name."""
     return next(socket for socket in sockets if socket.enabled and name in ("", socket.name))
 
 
@@ -51,7 +51,7 @@ def attribute(tree: bpy.types.NodeTree, name: str, kind: str) -> Any:
 
 
 def sample_index(tree: bpy.types.NodeTree, kind: str, geometry: Any, value: Any, index: Any) -> Any:
-    """Return a geometry's value at a point index, or zero if there is no such point."""
+    """Add a node that samples a geometry's value at a point index. It returns zero without such a point."""
     inputs, settings = {"Geometry": geometry, "Value": value, "Index": index}, {"data_type": kind, "domain": "POINT"}
     return enabled(add_node(tree, "GeometryNodeSampleIndex", inputs=inputs, **settings).outputs)
 
@@ -59,7 +59,7 @@ def sample_index(tree: bpy.types.NodeTree, kind: str, geometry: Any, value: Any,
 def add_scripted_driver(
     owner: bpy.types.bpy_struct, path: str, axis: int, expression: str, sources: Mapping[str, tuple[bpy.types.ID, str]]
 ) -> None:
-    """Drive one element by an expression of ``sources`` (each a data-block and a path)."""
+    """Drive a property by an expression of variables. ``sources`` maps each variable to a data-block and a path."""
     driver = add_driver(owner, path, axis)
     driver.type = "SCRIPTED"
     for name, (source, data_path) in sources.items():

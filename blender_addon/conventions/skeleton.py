@@ -15,5 +15,5 @@ LAYOUTS = (SMPL, SMPL_HANDS)  # Layouts of the add-on's bodies: 24 joints, or 52
 
 
 def layout_of(bones: Container[str]) -> BodyLayout:
-    """Return the layout of a body whose bones have these names."""
+    """Return the body layout that these bone names belong to: with or without fingers."""
     return SMPL_HANDS if SMPL_HANDS.joints[-1] in bones else SMPL

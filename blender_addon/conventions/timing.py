@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class TakeTiming:
-    """Converts the frames of a take to scene frames of the same time."""
+    """Conversion from a take's frames to scene frames."""
 
     start: float  # Scene frame of the take's first frame.
     scene_fps: float  # Frame rate of the scene, in frames per second.
@@ -22,12 +22,12 @@ class TakeTiming:
         return self.start + np.arange(count) * (1.0 if abs(step - 1) < 1e-6 else step)
 
     def last_frame(self, count: int, fps: float) -> int:
-        """Return the scene frame, rounded up, at which a take of ``count`` frames ends."""
+        """Return the last scene frame of ``count`` frames, rounded up."""
         return int(np.ceil(self.scene_frames(count, fps)[-1] - 1e-3))
 
 
 def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, scene_fps: float | None) -> TakeTiming:
-    """Return a recording's timing in a scene. Set the scene's rate if ``scene_fps`` is given."""
+    """Return a recording's timing in a scene. With ``scene_fps``, also set the scene's frame rate and range."""
     if scene_fps is None:
         return TakeTiming(start, scene_frame_rate(scene))
     set_scene_frame_rate(scene, scene_fps)
@@ -37,7 +37,7 @@ def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, sce
 
 
 def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
-    """Show a frame, or evaluate the current frame again if none is given."""
+    """Go to a whole frame, or evaluate the current frame again if ``frame`` is None."""
     if frame is None:
         scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
     else:
@@ -45,7 +45,7 @@ def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
 
 
 def go_to_frame(scene: bpy.types.Scene, frame: float) -> None:
-    """Show a scene at a frame that may be fractional."""
+    """Go to a scene frame, which may be fractional."""
     whole = int(np.floor(frame))
     scene.frame_set(whole, subframe=float(frame - whole))
 

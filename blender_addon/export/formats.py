@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Format:
-    """A file format for takes."""
+    """A file format for takes: its suffix, its texts, its writer, and the layout options that it supports."""
 
     suffix: str  # File suffix with its dot.
     label: str  # Label for users.
@@ -20,7 +20,7 @@ class Format:
 _SKINNED, _BONES = "Skeleton, skinned mesh and motion", ("root", "fingers")
 _RIGGED = "Rig, controls, skin and take, to append or link"
 _VRM = "Motion of humanoid bones for VRM characters, in metres, Y up"
-_POSES = "The same with jaw and eyes, as in SMPL-X"
+_POSES = "Pose and shape parameters with jaw and eyes, as in SMPL-X"
 FORMATS: dict[str, Format] = {
     "bvh": Format(".bvh", "BVH", "Skeleton and rotations in centimetres, Y up", "joint_tables.export_bvh", _BONES),
     "fbx": Format(".fbx", "FBX", f"{_SKINNED}, Y up", "blender_exporters.export_fbx", ("unit", "up", *_BONES, "node")),
@@ -40,7 +40,7 @@ ROOT_MOTIONS = (
     ("root", "On Root", "A root bone carries the travel and the heading, smoothed"),
     ("place", "In Place", "The motion has no travel"),
 )
-"""Where the travel over the ground can be stored: identifier, label and description of each choice."""
+"""Choices for storing the travel over the ground: identifier, label and description."""
 UNITS = (
     ("m", "Metres", "One file unit is a metre"),
     ("cm", "Centimetres", "One file unit is a centimetre, without a scale on the skeleton"),
@@ -64,7 +64,7 @@ class FileLayout:
 
     @property
     def metres_a_unit(self) -> float:
-        """Length of one unit of the file in metres."""
+        """Length of one unit of the exported file in metres."""
         return 0.01 if self.unit == "cm" else 1.0
 
 
@@ -73,7 +73,7 @@ AS_RECORDED = FileLayout()  # Metres, Y up, travel stored on the hips, with fing
 
 @dataclass(frozen=True)
 class Destination:
-    """A program to which takes can be exported."""
+    """A program that imports takes, with the file format and layout that it needs."""
 
     label: str  # Name of the program.
     format: str  # Key of ``FORMATS``.

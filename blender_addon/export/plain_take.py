@@ -40,9 +40,9 @@ def plain_copy(
 ) -> tuple[bpy.types.Object, ...]:
     """Copy a body and, if given, its skin, without sliders, drivers and deform bones.
 
-    Shape keys of the face and of the user are kept. Blender must be in object mode, and the collection must be in the
-    view layer. ``root`` keeps the root bone, and ``fingers`` keeps the finger bones. The skin of omitted bones is
-    assigned to their parent joints. A mesh must be a body of this add-on.
+    The copy keeps the shape keys of the face and of the user. ``root`` keeps the root bone, and ``fingers`` keeps the
+    finger bones. The skin of omitted bones is assigned to their parent joints. A mesh must be a body of this add-on.
+    Blender must be in object mode, and the collection must be in the view layer.
     """
     vertices = None
     if mesh is not None:
@@ -168,7 +168,7 @@ def _share_action(source: bpy.types.Object, target: bpy.types.Object) -> None:
 
 @contextmanager
 def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
-    """Yield a temporary plain copy if the take is one of ours, or else the take unchanged.
+    """Yield a temporary plain copy if the take shows a body of this add-on, or else the take unchanged.
 
     The copy is at the world origin and plays the evaluated motion of the armature, including constraints, the NLA and
     the object's motion. It has the size and layout that the file requires. Raises ``NothingToExport`` if the armature's

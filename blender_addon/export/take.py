@@ -1,4 +1,4 @@
-"""Define a take to export (an armature, its meshes and a frame range), and sample its poses."""
+"""Describe a take to export (an armature, its meshes and a frame range), and sample its poses."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SLACK = 0.01  # Tolerance for the position of keys in frames, because Blender u
 
 @dataclass(frozen=True)
 class ExportTake:
-    """A take in a scene."""
+    """A take to export: an armature, its meshes and a range of frames in a scene."""
 
     name: str  # Name of the armature.
     scene: bpy.types.Scene  # Scene that defines the frame rate.
@@ -50,7 +50,7 @@ class ExportTake:
 
     @property
     def times(self) -> np.ndarray:
-        """Scene frames (F,) of the take."""
+        """Scene frame (F,) of each frame of the take."""
         return self.first + self.step * np.arange(self.num_frames)
 
     @property
@@ -65,7 +65,7 @@ class ExportTake:
 
     @property
     def is_on_frames(self) -> bool:
-        """True if every frame of the take is a whole frame of the scene."""
+        """True if every frame of the take is at a whole scene frame."""
         whole = abs(self.step - 1) < _WHOLE and abs(self.first - self.frame_start) < _WHOLE
         return whole and abs(self.fps / scene_frame_rate(self.scene) - 1) < _WHOLE
 
@@ -76,7 +76,7 @@ def take_of(
     frames: tuple[float, float] | None = None,
     fps: float | None = None,
 ) -> ExportTake:
-    """Return the take of an armature, or of a mesh that it deforms, in the take's own or the given frames.
+    """Return the take of an armature, or of a mesh that it deforms, in its own or the given scene frames.
 
     A solved take keeps the duration of its motion, even if the scene's frame rate was changed after the bake. Raises
     ``NothingToExport`` if there is no armature, no motion or no frame.
@@ -112,7 +112,7 @@ def own_rate(scene: bpy.types.Scene, armature: bpy.types.Object) -> float:
 
 @contextmanager
 def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
-    """For the block, select only the take's objects and set the scene's range to the take's frames."""
+    """Within a ``with`` block, select only the take's objects and set the scene's range to its frames."""
     scene = take.scene
     layer = bpy.context.view_layer
     layer.update()
@@ -160,7 +160,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
 
 
 def uniform_scale(take: ExportTake) -> float:
-    """Return the armature's scale in the world. Raise an error if it is mirrored or not uniform."""
+    """Return the armature's world scale. Raise ``NothingToExport`` if it is mirrored or not uniform."""
     scale = float(even_scale(take.armature.matrix_world, _SAME_SIZE))
     if np.isnan(scale) or take.armature.matrix_world.determinant() < 0:
         hint = "Scale the armature and its parents equally in all directions."
@@ -194,12 +194,12 @@ class PoseSamples:
 
     @property
     def num_frames(self) -> int:
-        """Number of frames."""
+        """Number F of sampled frames."""
         return len(self.heads)
 
 
 def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | None = None) -> PoseSamples:
-    """Evaluate a take's bones frame by frame. ``names`` selects bones. None selects all deforming bones."""
+    """Evaluate a take's bones in every frame: the bones in ``names``, or all deforming bones if it is None."""
     data = take.armature.data.bones
     roots = [bone for bone in data if bone.parent is None]
     names = names or tuple(b.name for root in roots for b in (root, *root.children_recursive) if b.use_deform)
@@ -237,7 +237,7 @@ def sample_joints(take: ExportTake, progress: Progress) -> PoseSamples:
 
 
 def against_parents(turns: np.ndarray, parents: Sequence[int]) -> np.ndarray:
-    """Return rotations (F, J, 3, 3) relative to the parents. Root rotations do not change."""
+    """Convert world rotations (F, J, 3, 3) to rotations relative to the parent bones. Roots do not change."""
     local = turns.copy()
     for j, parent in enumerate(parents):
         if parent >= 0:

@@ -1,4 +1,4 @@
-"""Read the motions in a file as actors, one per clip, to transfer to our body or to any other rig."""
+"""Read a file's motions as actors, one per clip, to transfer them to the add-on's body or another rig."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ from .result import CommandResult
 _CHECKED_FRAMES = 8  # Number of baked frames that are compared with the motion. Chosen by hand.
 _TOLERATED_MM = 1.0
 _PICTURES = {"video": ".mp4", "sheet": "_contact.png"}
-"""End of the file name for each type of picture."""
+"""File name ending of each type of picture."""
 
 
 def run_bake(args: Namespace, progress: Progress) -> CommandResult:
@@ -43,7 +43,7 @@ def run_bake(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def run_render(args: Namespace, progress: Progress) -> CommandResult:
-    """Write only the preview video and the contact sheet."""
+    """Render only the preview video and the contact sheet of a motion."""
     return _bake(args, _PICTURES, {}, progress)
 
 

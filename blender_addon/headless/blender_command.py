@@ -4,7 +4,7 @@ COMMAND = "manifold_mocap"  # Name of the command in Blender.
 
 
 def run(arguments: list[str]) -> int:
-    """Run the command line and return its exit code."""
+    """Run the add-on's command line inside Blender, and return its exit code."""
     from .main import main
 
     try:
@@ -20,13 +20,13 @@ class Command:
         self._handle: object | None = None
 
     def register(self) -> None:
-        """Register the command with Blender."""
+        """Register the ``blender --command`` of the add-on."""
         import bpy
 
         self._handle = bpy.utils.register_cli_command(COMMAND, run)
 
     def unregister(self) -> None:
-        """Unregister the command."""
+        """Unregister the ``blender --command`` of the add-on."""
         import bpy
 
         bpy.utils.unregister_cli_command(self._handle)

@@ -25,7 +25,7 @@ _TAGS = ("body", "character", "rig", "SMPL")
 
 
 def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> None:
-    """Mark a collection as an asset. It contains only the body."""
+    """Mark a collection that contains only a body as an asset, with a description and tags."""
     collection.asset_mark()
     data = collection.asset_data
     data.description = (

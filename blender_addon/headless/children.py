@@ -1,4 +1,4 @@
-"""Run child processes to completion. They run verbs of the solver or of this command line."""
+"""Run verbs (commands) of the solver or of this command line in child processes."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
 
 
 def command_line() -> list[str]:
-    """Return the command that starts this command line: Python, or the Blender in which it runs."""
+    """Return the command that starts this command line, in the running Blender or in Python."""
     blender = getattr(getattr(sys.modules.get("bpy"), "app", None), "binary_path", "")
     return [blender, "--command", COMMAND] if blender else [sys.executable, "-m", _PACKAGE.name]
 

@@ -18,7 +18,7 @@ from .result import CommandResult
 
 
 def run_edit(args: Namespace, progress: Progress) -> CommandResult:
-    """Write an edited copy of the current take. The result has no name if there was nothing to lock."""
+    """Write an edited copy of the current take. The result has no take name if no foot was planted."""
     scene, armature = open_body(args)
     take, request = current_action(armature), request_of(scene)
     if take is None or not is_take(take):

@@ -50,8 +50,8 @@ _LEAST_MB, _MB_PER_MB, _MOST_MB = 512.0, 100.0, 2048.0
 files of 0.9 to 3 MB added 20 to 62 times their size (``tests/blender_addon/headless/test_foreign_file.py``). A Blender
 file can link libraries of any size, so it gets 2 GB, or no limit if it is the target of an export or retarget."""
 _LEAST_S, _S_PER_MB = 60.0, 20.0
-"""Time limit of the child in seconds, once for opening a file and again for each clip: 60 s plus 20 s per MB. A glTF
-file of 3 MB took 1.6 s per MB."""
+"""Time limit of the child: 60 s plus 20 s per MB, once for opening a file and again for each clip. A glTF file of 3 MB
+took 1.6 s per MB."""
 _MB = 2**20  # Bytes per megabyte.
 _NAMES = "{:04d}.npz"
 
@@ -64,7 +64,7 @@ class ImportLimits:
     seconds: float | None = None
 
     def of_file(self, path: Path, *, whole: bool = False) -> tuple[float, float]:
-        """Return the megabytes and seconds allowed for opening a file (``whole``) or for sampling it."""
+        """Return the allowed memory in MB and time in seconds. ``whole`` means that the file is only opened."""
         size_mb = _size_mb(path)
         memory_mb = min(_LEAST_MB + _MB_PER_MB * size_mb, _MOST_MB)
         if path.suffix.lower() == ".blend":
@@ -91,7 +91,7 @@ def _size_mb(path: Path) -> float:
 
 
 def limits_of(args: Namespace) -> ImportLimits:
-    """Return the limits given on a command line."""
+    """Return the import limits in a command line's arguments."""
     return ImportLimits(args.import_memory, args.import_seconds)
 
 

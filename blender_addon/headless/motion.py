@@ -15,7 +15,7 @@ _OWN = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")  # File types that t
 
 
 def run_motion(args: Namespace, progress: Progress) -> CommandResult:
-    """Convert a clip to a motion of our body."""
+    """Convert a clip from another program to a motion of the add-on's body."""
     with TemporaryDirectory() as folder:
         clip = _readable(args.clip, args, args.action, Path(folder), progress)
         return pass_on(args, progress, [str(clip), "--out", str(args.out)])

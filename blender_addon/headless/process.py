@@ -32,7 +32,7 @@ def require_blender(*, here: bool = True, instead: str = "") -> None:
 
 @contextmanager
 def signals_wait() -> Iterator[None]:
-    """Delay signals that cancel the run until the end of the block.
+    """Delay signals that cancel the run until the end of the ``with`` block.
 
     Blender runs its own scripts while it loads. If a signal raises an error in them, Blender prints it, continues half
     loaded, and crashes later (seen with bpy 4.5). Loading takes half a second. Other threads ignore a signal mask.

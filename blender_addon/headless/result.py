@@ -24,7 +24,7 @@ def failure_notes(kind: str, failed: list[dict[str, Any]]) -> list[str]:
 
 
 def refuse_replacing(paths: Sequence[Path], source: Path, *, overwrite: bool) -> None:
-    """Raise an error if an output would replace the source or another existing file."""
+    """Raise ``OutputExists`` if an output would replace the source or another existing file."""
     there = [path for path in paths if path.exists()]
     own = [path for path in there if path.samefile(source) or path.resolve().parent == source.resolve()]
     if refused := own if overwrite else there:

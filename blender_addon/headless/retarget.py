@@ -36,7 +36,7 @@ _READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".bvh", ".blend")
 
 
 def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
-    """Retarget a motion to each target. If there are several, each gets a folder with its name.
+    """Retarget a motion to each target character. Several targets get separate folders with their names.
 
     Unsuitable targets are skipped and reported. The worst error determines the exit code.
     """
@@ -76,7 +76,7 @@ def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> Comma
 
 
 def _one(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a copy of the target's file in which the rig plays the motion."""
+    """Write a copy of the target's file. Its rig plays the motion."""
     for path in (args.source, args.target):
         if not path.is_file():
             raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
@@ -189,7 +189,7 @@ def _file_name(name: str) -> str:
 
 
 def _own_name(name: str, taken: set[str]) -> str:
-    """Return a name that differs from all other clips' names, ignoring case."""
+    """Return a clip name that differs from all names in ``taken`` (lower case), by adding a number if needed."""
     numbered = (name if number == 1 else f"{name}_{number}" for number in count(1))
     return next(own for own in numbered if own.lower() not in taken)
 

@@ -1,4 +1,4 @@
-"""Define the verbs of ``python -m blender_addon``, as declared in ``verbs.json``."""
+"""The verbs of ``python -m blender_addon``, which are declared in ``verbs.json``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .result import CommandResult
 
 MODULE = "python -m blender_addon"
 _CHOICES = {"FORMATS": FORMATS, "MARKER_FORMATS": MARKER_FORMATS, "REFUSALS": list_refusals(), "LOOKS": LOOKS}
-"""Tables from which settings take their choices."""
+"""Tables of choices that the settings in ``verbs.json`` refer to by name."""
 _TABLE = Path(__file__).with_name("verbs.json")
 _shared, _GROUPS, VERBS = read_verbs(_TABLE, _of_solver, _CHOICES)
 _EPILOG = describe_exit_codes(

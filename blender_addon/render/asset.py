@@ -20,7 +20,7 @@ BODIES, TAKES, POSES = (
     ("0f4c1c2e-3d0b-4a53-9a55-6a1a0e9c7b11", "Motions/Manifold MoCap"),
     ("7be0a3d4-52c9-4f0e-8d83-1f6f2d9b5c72", "Poses/Manifold MoCap"),
 )
-"""Identifier and path of each catalog that we create."""
+"""Identifier and path of each catalog that the add-on creates."""
 _CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\n\nVERSION 1\n\n"
 _PREVIEW_PX = 256
 """Width and height of an asset's preview in pixels. Chosen by hand."""
@@ -54,7 +54,7 @@ def body_picture(mesh: bpy.types.Object, collection: bpy.types.Collection) -> np
 
 
 def add_catalog(folder: Path, catalog: tuple[str, str] = BODIES) -> str:
-    """Add one of our catalogs to the asset library in a folder, and return the catalog's identifier."""
+    """Add one of the add-on's catalogs to the asset library in a folder. Return the catalog's identifier."""
     path, (identifier, place) = folder / CATALOG_FILE, catalog
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else _CATALOG_HEADER

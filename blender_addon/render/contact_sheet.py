@@ -1,4 +1,4 @@
-"""Render the contact sheet: poses in a three-quarter view and in the views of the cameras."""
+"""Render a take's contact sheet: poses in a three-quarter view, and camera views."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Lettering:
 
 @contextmanager
 def open_lettering(folder: Path, height: int) -> Iterator[Lettering]:
-    """Yield a renderer of words whose lines are ``height`` pixels high."""
+    """Yield a renderer of words with lines of ``height`` pixels."""
     scene = bpy.data.scenes.new("letters")
     curve = bpy.data.curves.new("letters", "FONT")
     lens = bpy.data.cameras.new("letters")
@@ -195,7 +195,7 @@ def _pose_picture(folder: Path, subject: RenderedTake, frame: int, tile: Picture
 
 
 def _around(subject: RenderedTake, frame: int) -> np.ndarray:
-    """Return the joints in all poses, moved so that they are centred at the body in this frame."""
+    """Return the joints of all poses, moved so that this frame's body is at the origin."""
     joints = subject.joints
     middle = (joints.min(axis=1) + joints.max(axis=1)) / 2
     return (joints - middle[:, None] + middle[frame]).reshape(-1, 3)
@@ -229,7 +229,7 @@ class Pane:
 def open_pane(
     stack: ExitStack, folder: Path, subject: RenderedTake, view: View, tile: PictureTile, look: RenderQuality
 ) -> Pane:
-    """Open the pane of a view. The exit stack closes it."""
+    """Return a pane that renders a view. The exit stack closes its stage and footage."""
     backdrop, is_footage = subject.backdrop(stack, view, folder)
     stage = stack.enter_context(open_stage("camera", (subject.take.body,), view, look, folder))
     return Pane(view, tile, stage, backdrop, _FOOTAGE_OPACITY if is_footage else 1.0, *subject.detections(view))

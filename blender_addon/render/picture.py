@@ -1,7 +1,7 @@
 """Pictures as NumPy arrays: read Blender's Targa frames, write PNG, blend layers and draw dots.
 
 Pictures are (height, width, 3) uint8 sRGB arrays, top row first. A layer is a (height, width, 4) float32 array from 0
-to 1 whose colour is multiplied by its alpha.
+to 1, with premultiplied alpha.
 """
 
 from __future__ import annotations

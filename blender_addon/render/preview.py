@@ -24,7 +24,7 @@ _LINE = 20
 
 @dataclass(frozen=True)
 class PreviewSettings:
-    """Size and length of the preview."""
+    """Size, frame rate and length limits of the preview video."""
 
     size: tuple[int, int] = (848, 480)  # Width and height in pixels, both even.
     most_fps: float = 30.0  # Faster takes skip frames. Their speed does not change.
@@ -80,7 +80,7 @@ def _views(subject: RenderedTake, settings: PreviewSettings) -> list[tuple[View,
 
 
 def _view_count(subject: RenderedTake, settings: PreviewSettings) -> int:
-    """Return the number of cameras to show. With footage it is limited, because decoding footage is slow."""
+    """Return the largest number of cameras to show. Footage reduces it, because decoding video is slow."""
     cameras = subject.cameras(settings.most_views)
     if not any(find_footage(camera.footage) for camera in cameras):
         return settings.most_views

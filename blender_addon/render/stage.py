@@ -24,7 +24,7 @@ Window = tuple[int, int, int, int]  # x0, y0, x1 and y1 of a part of a picture, 
 
 @dataclass(frozen=True)
 class RenderQuality:
-    """Render quality of a stage. Averaging larger pictures is much faster than rendering more samples."""
+    """Render quality of a stage. Pictures are rendered larger and averaged, which is faster than more samples."""
 
     shrink: int = 2  # Pictures are rendered larger by this factor and then averaged.
     cavity: bool = False  # Darken creases and brighten ridges.

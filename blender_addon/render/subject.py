@@ -26,7 +26,7 @@ Backdrop = Callable[[int], np.ndarray]  # Returns a new (h, w, 3) background pic
 
 _OUTSIDE = (30, 32, 36)
 _CUT = 0.02
-"""Footage whose size differs by at most this fraction was cropped from the calibrated size."""
+"""Largest relative difference between the sizes of footage that was only cropped and of the calibrated image."""
 
 
 def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: Path) -> Backdrop:
@@ -78,7 +78,7 @@ MARKER_DOT: Colour = (0.92, 0.92, 0.96)
 
 @dataclass(frozen=True)
 class RenderedTake:
-    """A baked take of F frames, and the files and objects that it was made from."""
+    """A baked take of F frames to render, with its motion, body and capture."""
 
     take: BakedTake
     motion: MotionFile

@@ -27,12 +27,12 @@ class View:
 
     @property
     def scale(self) -> np.ndarray:
-        """(2,) number of picture pixels per camera pixel."""
+        """Number of picture pixels per camera pixel along x and y, shape (2,)."""
         return np.array(self.size) / np.array(self.camera.image_size) / self.part[2]
 
     @property
     def K(self) -> np.ndarray:
-        """(3, 3) intrinsic matrix of the picture, in pixels."""
+        """Intrinsic matrix (3, 3) of the picture in pixels."""
         K = self.camera.K.copy()
         K[0, :2] *= self.scale[0]
         K[1, 1] *= self.scale[1]

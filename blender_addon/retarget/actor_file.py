@@ -1,4 +1,4 @@
-"""Pass a motion from the process that opens a foreign file to its parent process."""
+"""Pass a motion from the child process that opens another program's file to its parent process."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SHAPES: dict[type, dict[str, Shape]] = {
 
 @dataclass(frozen=True)
 class ReadActor:
-    """A motion and notes about it."""
+    """A motion that was read from a file, and notes for the user."""
 
     actor: Actor
     notes: tuple[str, ...] = ()

@@ -26,7 +26,7 @@ _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_ang
 
 @dataclass(frozen=True)
 class Hanging:
-    """Dependencies between N controls in the neutral pose. Each control comes after its carriers."""
+    """Dependencies between N controls in the neutral pose, sorted so that carriers precede the controls they move."""
 
     names: tuple[str, ...]
     matrices: np.ndarray  # (N, 4, 4) pose matrices.
@@ -63,7 +63,7 @@ def hanging_of(
 
 @contextmanager
 def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tuple[str, str], float]) -> Iterator[None]:
-    """For the block, stop a rig's animation, put its controls at rest and set its switches."""
+    """Within a ``with`` block, stop a rig's animation, put its controls at rest and set its switches."""
     animation, data = armature.animation_data, armature.data
     bones = [armature.pose.bones[name] for name in names]
     poses = [{key: tuple(getattr(bone, key)) for key in _POSE} for bone in bones]
@@ -105,7 +105,7 @@ def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float
 
 
 def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
-    """Derive the dependencies from the movements in ``after[d, c]``."""
+    """Derive the dependencies from the poses ``after[d, c]`` of control c after a change of control d."""
     count = range(len(names))
     turned = np.einsum("dcij,ckj->dcik", bone_rotations(after), bone_rotations(before))
     own = turned[count, count]

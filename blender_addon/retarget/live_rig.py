@@ -1,4 +1,4 @@
-"""Pose a character with incoming poses. This is a retarget of one pose at a time, without actions or keys."""
+"""Retarget live poses to a character one at a time, without actions or keys."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .retarget import Channel, RetargetSettings, channels_of, measure_deviation_
 from .rig_map import RigMap
 from .target_rig import read_target
 
-_BONES = 3  # Bones in each finger of our body.
+_BONES = 3  # Bones in each finger of the add-on's body.
 
 
 class LiveRig:
-    """A rig that follows the poses of a body. It is looked up again after an undo."""
+    """A character's rig that follows live poses. It is looked up again after an undo."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class LiveRig:
         set_switches(armature, rig.switches)
 
     def reshape(self, betas: np.ndarray) -> None:
-        """Set a new (10,) shape of the body. Raise ``TargetUnsuitable`` if the rig does not fit."""
+        """Set a new (10,) shape of the live person. Raise ``TargetUnsuitable`` if the rig's size is not plausible."""
         self._own = body_at_rest(self._body, betas)
         still = np.zeros((1, self._body.layout.num_joints, 3))
         actor = actor_of_poses("", self._own, still, np.zeros((1, 3)), 1.0)

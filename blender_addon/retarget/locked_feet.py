@@ -1,4 +1,4 @@
-"""Lock the planted feet in a take, whatever program it is from, and keep all hand edits."""
+"""Lock the planted feet in a take from any program, and keep all hand edits."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from ..scene.hand_edits import played_channels, take_times
 _LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))  # Hip, knee, ankle and ball of each leg, as SMPL joint numbers.
 _ANKLES = [leg[2] for leg in _LEGS]
 _HEEL_BEHIND = 0.35
-"""Distance of the heel behind the ankle, relative to the horizontal distance from ankle to ball, as in our body."""
+"""Distance of the heel behind the ankle, relative to the horizontal distance from ankle to ball (add-on's body)."""
 _EASE_S = 0.15  # Seconds before and after a contact during which the foot blends with its original path.
 LOCKED = " locked feet"  # Suffix of the name of each take that Lock Feet creates.
 
 
 @dataclass(frozen=True)
 class LockedFeet:
-    """A take whose planted feet are locked."""
+    """A take with locked feet, and figures about the correction."""
 
     action: bpy.types.Action
     stands: int  # Number of locked contacts of a heel or ball.
@@ -37,7 +37,7 @@ class LockedFeet:
 def lock_feet(
     scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, longest_slide_mm: float
 ) -> LockedFeet | None:
-    """Add a take with its planted feet locked and play it. Return None if no foot is planted."""
+    """Add and play a take with locked feet. Return None if no foot is planted."""
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         channels = played_channels(scene, armature, take_times(take, motion))
@@ -52,7 +52,7 @@ def lock_feet(
 def _hold_feet(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, fps: float, longest_slide_m: float
 ) -> tuple[np.ndarray, list[_Foot]]:
-    """Return channels in which heels and balls stay fixed during each contact, and data about the feet.
+    """Return channels with heels and balls fixed during each contact, and the paths of both feet.
 
     If heel and ball both touch the floor, the foot is rotated by the smallest angle to its mean direction, and the
     ankle follows. Legs reach the ankle in the plane of hip, knee and ankle. The pelvis moves if a leg is too short.

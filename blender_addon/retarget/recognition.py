@@ -113,7 +113,7 @@ _NEEDED = {"pelvis", "head", *(f"{side}_{part}" for side in ("left", "right") fo
 
 
 def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str, str]:
-    """Return the bone of each role in a humanoid map, or {} if the map does not cover a whole person.
+    """Convert a VRM humanoid map to bones by role. Return {} if the map does not cover a whole person.
 
     The map lists bones by VRM name, such as ``leftUpperArm``. VRM 0.x calls the bones of a thumb proximal, intermediate
     and distal. VRM 1.0 calls them metacarpal, proximal and distal.
@@ -139,7 +139,7 @@ def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str,
 
 
 _VRM = "vrm_addon_extension"  # Custom property in which the VRM add-on stores a file's humanoid.
-_STATED = "stated_humanoid"  # Our custom property that stores bones by VRM name, as JSON.
+_STATED = "stated_humanoid"  # The add-on's custom property that stores bones by VRM name, as JSON.
 
 
 def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigMap:
@@ -153,7 +153,7 @@ def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigM
 
 
 def state_humanoid(armature: bpy.types.Object, bones: Mapping[str, str]) -> None:
-    """Store on an armature the VRM names that the file gives to its bones."""
+    """Store a file's VRM humanoid map (bone names by VRM name) in its armature."""
     if any(bone in armature.data.bones for bone in bones.values()):
         armature.data[_STATED] = json.dumps(dict(bones))
 
@@ -233,7 +233,7 @@ def frame_rate(header: dict[str, Any]) -> float | None:
 
 
 def humanoid(header: dict[str, Any]) -> dict[str, str]:
-    """Return node names by VRM bone name (VRM 0.x, VRM 1.0 and VRM animations), or {} for other files."""
+    """Return the node name of each VRM bone (VRM 0.x, VRM 1.0 and VRM animations), or {} for other files."""
     extensions, nodes = _dict(header.get("extensions")), _list(header.get("nodes"))
     pairs = list(_nodes_of_bones(header).items())
     older = _list(_dict(_dict(extensions.get("VRM")).get("humanoid")).get("humanBones"))
@@ -247,7 +247,7 @@ def humanoid(header: dict[str, Any]) -> dict[str, str]:
 
 
 def _nodes_of_bones(header: dict[str, Any]) -> dict[str, Any]:
-    """Return node numbers by VRM bone name, for VRM 1.0 characters and for VRM animations."""
+    """Return the node number of each VRM bone, for VRM 1.0 characters and VRM animations."""
     extensions, found = _dict(header.get("extensions")), {}
     for name in ("VRMC_vrm", "VRMC_vrm_animation"):
         bones = _dict(_dict(_dict(extensions.get(name)).get("humanoid")).get("humanBones"))

@@ -1,4 +1,4 @@
-"""Place a rig at rest in stage coordinates: find up, forward and the height of the soles."""
+"""Convert a rig at rest to stage coordinates: find up, forward and the height of the soles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .motion.figures import Target, by_part, part_of_role
 
 
 def _skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray, radius: float) -> np.ndarray:
-    """Return (V, 3) rest vertices that mainly follow some bones and lie within a radius of a point."""
+    """Return (V, 3) rest vertices that mainly follow the given bones and are within a radius of a point."""
     found = [np.zeros((0, 3))]
     for mesh, placed, holder in _meshes(armature):
         near = np.flatnonzero(np.linalg.norm(placed - centre, axis=1) < radius)
@@ -41,7 +41,7 @@ def _skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.nd
 
 
 def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarray, str]]:
-    """Yield an armature's meshes, their rest vertices (V, 3), and the bone to which each mesh is rigidly parented."""
+    """Yield each mesh of an armature with its rest vertices (V, 3), and its parent bone or "" if it is skinned."""
     for obj in bpy.data.objects:
         if obj.type != "MESH":
             continue
@@ -61,7 +61,7 @@ def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.n
 
 
 def heaviest(vertex: bpy.types.MeshVertex) -> int:
-    """Return the index of the group in which a vertex has the largest weight, or -1 if it has no groups."""
+    """Return the index of the vertex group with a vertex's largest weight, or -1 if it has no groups."""
     return max(vertex.groups, key=lambda entry: entry.weight).group if len(vertex.groups) else -1
 
 
@@ -96,8 +96,8 @@ def _estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) ->
 def _end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
     """Return the (3,) end of a hand or foot, or NaN if unknown.
 
-    A hand points to the knuckle of the middle finger, as in our body, or else to the mean of all knuckles. ``bones``
-    maps roles, including fingers, to bones, and ``before`` is the length of the forearm or shin.
+    A hand ends at the knuckle of the middle finger, or else at the mean of all knuckles. ``bones`` maps roles to bones,
+    including fingers. ``before`` is the length of the forearm or shin.
     """
     side, _, part = role.partition("_")
     knuckle = f"{side}_middle_1"
@@ -131,15 +131,14 @@ def _bones_of_foot(armature: bpy.types.Object, leg: dict[str, str], near: float)
 _MOST = 6000  # Largest number of vertices used per mesh, about ten per table cell.
 _ON_ROD = 0.01  # Largest distance between a bone's head and a limb, relative to the figure's height.
 _BEFORE_END = 0.95  # Largest relative position along the limb. Bones at its end belong to the next part.
-_ENDS = ("hand", "foot", "toe")  # Parts that hands do not stay in contact with, but at which bones start.
+_ENDS = ("hand", "foot", "toe")  # Parts with bones, but without contacts of hands.
 
 
 def _skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, np.ndarray]:
     """Return rest vertices (V, 3) for each body part, in the armature's space.
 
-    A vertex belongs to the part of the bone that it mainly follows. A bone's part is given by its role, by the limb on
-    which the bone starts (twist helpers, deform bones of a control rig), or by its parent. ``bones`` maps roles to
-    bones.
+    A vertex belongs to the part of the bone that it mainly follows. A bone's part comes from its role, from the limb
+    that it starts on (twist helpers, deform bones of a control rig), or from its parent. ``bones`` maps roles to bones.
     """
     parts = _parts_of_bones(armature, bones)
     found: dict[str, list[np.ndarray]] = {}
@@ -195,10 +194,10 @@ _NEAR_FLOOR = 0.035
 def stand_on_stage(
     armature: bpy.types.Object, hanging: Hanging, roles: tuple[str, ...], bones: dict[str, str], unit_m: float
 ) -> tuple[Target, str]:
-    """Return the rig with its soles at z = 0 and facing -Y, and the source of the height.
+    """Return the rig with its soles at z = 0 and facing -Y, and the source of the sole height (mesh or joints).
 
-    A mirrored armature stays mirrored on the stage, so its right limbs are the stage's left ones. Raises ``MapInvalid``
-    if the map does not distinguish left and right.
+    A mirrored armature remains mirrored, so that its right limbs are the left ones in stage coordinates. Raises
+    ``MapInvalid`` if the map does not distinguish left and right.
     """
     heads = hanging.matrices[:, :3, 3]
     R = stage_axes(dict(zip(roles, heads, strict=True)))
@@ -226,10 +225,10 @@ def stand_on_stage(
 def stand_in_pose(
     names: tuple[str, ...], roles: tuple[str, ...], matrices: np.ndarray, R: np.ndarray, m: float
 ) -> Target:
-    """Return a rest pose on the stage, taken from (N, 4, 4) bone matrices in an upright frame.
+    """Return a rest pose in stage coordinates, taken from (N, 4, 4) bone matrices in an upright frame.
 
     Args:
-        R: (3, 3) rotation from the armature's axes to the stage's, in which the figure faces -Y.
+        R: (3, 3) rotation from the armature's axes to the stage's.
         m: metres per unit of the armature's space.
     """
     axes, nobody = R @ bone_rotations(matrices), np.full(len(names), -1)

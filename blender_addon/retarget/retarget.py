@@ -33,7 +33,7 @@ from .target_rig import TargetRig, read_target
 
 @dataclass(frozen=True)
 class Channel:
-    """One animated property of a control."""
+    """Values of one animated property of a rig's control."""
 
     bone: str
     prop: str  # ``location`` or a rotation.
@@ -126,7 +126,7 @@ MAP = "retarget_map"  # Custom property of a retargeted action: the map, as text
 
 @dataclass(frozen=True)
 class RetargetSettings:
-    """Settings of a retarget."""
+    """Settings for retargeting a motion to a rig."""
 
     limbs: str = "fk"  # ``fk`` or ``ik``, for the switches of the rig. The controls of both are keyed.
     transfer: TransferSettings = field(default_factory=TransferSettings)
@@ -134,7 +134,7 @@ class RetargetSettings:
 
 @dataclass(frozen=True)
 class Retargeted:
-    """A motion that was transferred to a rig."""
+    """Result of a retarget: the new action, and figures about its accuracy."""
 
     action: bpy.types.Action
     rig_map: RigMap  # The map, including its map pose.

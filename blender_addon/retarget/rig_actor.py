@@ -1,4 +1,4 @@
-"""Read the motion of any armature, from our body's joints or through the rig's bone map."""
+"""Read the motion of any armature: the add-on's body directly, other rigs through their bone map."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
 def _played_bones(
     armature: bpy.types.Object, scene: bpy.types.Scene, times: np.ndarray, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the evaluated matrices (..., 4, 4) of the object and of its bones, including constraints."""
+    """Return the evaluated matrices of the object (F, 4, 4) and its bones (F, N, 4, 4), including constraints."""
     worlds, poses = sample_poses(armature, scene, names, times)
     if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
         message = "The actor's bones have invalid values (NaN) in some frames."
@@ -77,7 +77,7 @@ def read_rig_actor(
 ) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
     """Return a rig's motion in the frames of its action, its timing in the scene, and notes.
 
-    The motion of the object is included. If the figure does not stand on a floor, it is moved onto one.
+    The motion includes the object's own motion. If the feet are not on the floor, the figure is moved onto it.
     """
     name, times = played_frames(armature)
     worlds, poses = _played_bones(armature, scene, times, _stand_at_rest(armature, rig_map, 1.0).names)
@@ -110,9 +110,9 @@ def read_rig_actor(
 
 
 def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m: float) -> tuple[Target, int] | None:
-    """Return the bones in the most upright frame as a rest pose and the frame's index, or None.
+    """Return the bones in the most upright frame as a rest pose, and the frame's index. Return None without one.
 
-    This is for skeletons whose bones all lie along one axis at rest, so that trunk and soles cannot be found.
+    This is for skeletons with all bones along one axis at rest, so that trunk and soles cannot be found.
     """
     ups = bone_rotations(worlds)[:, 2]
     places = dict(zip(rest.roles, poses[..., :3, 3], strict=True))
@@ -131,7 +131,7 @@ def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m
 def _on_stage(
     worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float, *, turned: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations and head positions on the stage, whose up axis is the world's.
+    """Return rotations and head positions in stage coordinates. The stage's up axis is the world's.
 
     With ``turned``, they are rotated to the object's heading. A rest pose taken from the motion has no heading.
     """
@@ -164,7 +164,7 @@ def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
 
 
 def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -> Target:
-    """Return the mapped bones at rest, with the feet on the stage's floor. Missing bones are left out."""
+    """Return the mapped bones at rest, with the feet on the floor. Bones that the rig lacks are omitted."""
     bones = {role: bone for role, bone in rig_map.bones.items() if bone in armature.data.bones}
     if "pelvis" not in bones:
         message = " ".join(rig_map.doubts) or "Neither the names nor the structure match a person."
@@ -203,14 +203,14 @@ _SOLE_BELOW_BALL = 0.02
 
 
 def is_actor(armature: bpy.types.Object | None) -> bool:
-    """Return whether an object is an armature that has our body's joints."""
+    """Return whether an object is an armature with the joints of the add-on's body."""
     if armature is None or armature.type != "ARMATURE":
         return False
     return set(layout_of(armature.pose.bones).joints) <= set(armature.pose.bones.keys())
 
 
 def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Actor, TakeTiming]:
-    """Return our body's motion in the frames of its action, and its timing in the scene."""
+    """Return the motion of one of the add-on's bodies in the frames of its action, and its timing."""
     if not is_actor(armature):
         hint = "Choose the armature of a solved take as the actor."
         raise ActorMissing("This is not a body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
@@ -266,7 +266,7 @@ def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
 
 
 def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
-    """Return the animated armature with this name, or the only one in the scene. Our body takes precedence."""
+    """Return the animated armature with this name, or the only one. The add-on's bodies take precedence."""
     rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
     rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
     chosen = [name] if name else list(rigs)

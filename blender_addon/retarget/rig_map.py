@@ -1,4 +1,4 @@
-"""The map of a rig: the bone for each role, the limbs' switches, and the map pose."""
+"""Map of a rig: the bone for each role (body part), the FK/IK switches, and the map pose."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ class Switch:
 
 @dataclass(frozen=True)
 class RigMap:
-    """Map of a rig."""
+    """Roles of a rig's bones, its FK/IK switches and its map pose."""
 
     label: str
     bones: dict[str, str]  # Bone names by role.
     switches: tuple[Switch, ...] = ()
     map_pose: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
-    """Rotation (wxyz) of each bone in the armature's axes, from rest to the pose that matches our body's rest (arms
-    sideways, legs straight). Rotations of all other bones are computed from the directions of the limbs."""
+    """Rotation (wxyz) of each bone in the armature's axes, from rest to the pose that matches the rest pose of the
+    add-on's body (arms sideways, legs straight). Other bones get rotations from the directions of the limbs."""
     doubts: tuple[str, ...] = ()
-    """Warnings about roles that the recognition left out, one sentence each. They are not written to files."""
+    """Warnings about roles that were not recognised, one sentence each. They are not written to files."""
 
     def renamed(self, names: dict[str, str]) -> RigMap:
-        """Return the map of all roles whose bone is in ``names``, with the new bone names."""
+        """Return a map with new bone names. Roles of bones that are not in ``names`` are omitted."""
         bones = {role: names[bone] for role, bone in self.bones.items() if bone in names}
         switches = tuple(Switch(names[s.bone], s.key, s.fk, s.ik) for s in self.switches if s.bone in names)
         pose = {names[bone]: turn for bone, turn in self.map_pose.items() if bone in names}
@@ -49,12 +49,12 @@ class RigMap:
 
 
 def read_map(path: Path) -> RigMap:
-    """Read a map or preset."""
+    """Read a rig map or preset from a JSON file. Raises ``MapInvalid`` if it is not usable."""
     return map_of(read_json_file(path), str(path))
 
 
 def map_of(values: Any, where: str) -> RigMap:
-    """Return the map that a file's values describe. Raises ``MapInvalid`` if they are not a map."""
+    """Return the rig map in a file's JSON values. Raises ``MapInvalid`` if they are not a valid map."""
     if not isinstance(values, dict) or values.get("format") != FORMAT or values.get("version") != VERSION:
         hint = f'It must be an object with "format": "{FORMAT}" and "version": {VERSION}.'
         raise MapInvalid("The file is not a rig map.", where=where, hint=hint)
@@ -80,7 +80,7 @@ def map_of(values: Any, where: str) -> RigMap:
 
 
 def map_values(rig_map: RigMap) -> dict[str, object]:
-    """Convert a map to the values that ``map_of`` reads."""
+    """Convert a rig map to JSON values. ``map_of`` reads them."""
     switches = [{"bone": s.bone, "property": s.key, "fk": s.fk, "ik": s.ik} for s in rig_map.switches]
     pose = {bone: list(turn) for bone, turn in rig_map.map_pose.items()}
     values: dict[str, object] = {"format": FORMAT, "version": VERSION, "label": rig_map.label, "bones": rig_map.bones}
@@ -88,7 +88,7 @@ def map_values(rig_map: RigMap) -> dict[str, object]:
 
 
 def write_map(path: Path, rig_map: RigMap, *, overwrite: bool = False) -> None:
-    """Write a map in the format of ``read_map`` (see ``atomic_output``)."""
+    """Write a rig map to a JSON file. ``read_map`` reads it."""
     with atomic_output(path, overwrite=overwrite) as temporary:
         temporary.write_text(json.dumps(map_values(rig_map), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""Read the target rig: the roles that can be animated, and its rest pose in stage coordinates."""
+"""Read a target rig: the roles that can be animated, and its rest pose in stage coordinates."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _chain(bone: bpy.types.PoseBone, count: int) -> list[str]:
 
 @dataclass(frozen=True)
 class TargetRig:
-    """A rig that receives a motion."""
+    """A rig that receives a motion, with its rest pose, switches and notes."""
 
     armature: bpy.types.Object
     target: Target
@@ -88,7 +88,7 @@ class TargetRig:
 def read_target(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
 ) -> TargetRig:
-    """Read a rig with its map and its FK/IK switches. Fingers that do not occur in the motion are left out."""
+    """Read a target rig with its map and FK/IK switches. ``fingers`` are the finger roles in the motion."""
     _check_object(armature)
     notes: list[str] = []
     bones = _with_carrier(armature, _usable_bones(armature, rig_map, notes), notes)

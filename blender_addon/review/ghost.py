@@ -27,7 +27,7 @@ _FACING, _EDGE = 0.10, 0.75  # Opacity of skin that faces the viewer, and of ski
 
 @dataclass(frozen=True, eq=False)
 class Ghost:
-    """A take, including its edits at the time when the ghost was created."""
+    """A drawn take, with the edits that it had when the ghost was created."""
 
     take: int  # Session identifier of the action.
     armature: int  # Session identifier of the body.

@@ -24,7 +24,7 @@ from ..errors import TakeMissing
 
 
 def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int]]:
-    """Return the first and last scene frame of each range in which confidence is below a limit, in order."""
+    """Return the first and last scene frame of each range with a confidence below a limit, in order."""
     lane = read_lane(take)
     if lane is None:
         return []
@@ -33,7 +33,7 @@ def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int
 
 
 def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list[tuple[int, int]]:
-    """Return the ranges in which an (F,) confidence is below a limit. Short gaps between them are ignored."""
+    """Return the frame ranges with an (F,) confidence below a limit. Gaps of up to ``bridge`` frames are closed."""
     frames = np.flatnonzero(np.asarray(confidence) < below)
     if not len(frames):
         return []
@@ -53,7 +53,7 @@ def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = F
 
 @dataclass(frozen=True)
 class SceneRange:
-    """A range of a take, in scene frames."""
+    """A frame range of a take to solve again, in scene frames, and its pinned poses."""
 
     action: bpy.types.Action  # Action of the take.
     first: int
@@ -62,7 +62,7 @@ class SceneRange:
 
 
 def resolve_of(frames: SceneRange) -> JobRange:
-    """Return the range as a job describes it, with the pinned poses and edited contacts inside it."""
+    """Describe a range for a job file, with the pinned poses and edited contacts inside it."""
     motion = take_file(frames.action, "motion_file")
     if not motion.is_file():
         hint = "Solve the whole capture again."
@@ -115,7 +115,7 @@ def pinned_values(armature: bpy.types.Object) -> str:
 def sole_height(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, samples: int
 ) -> float | None:
-    """Return the median (over frames) of the height of the skin's lowest point, or None if there is no skin."""
+    """Return the median height of the skin's lowest point over ``samples`` frames, or None without a skin."""
     skins = [obj for obj in scene.objects if obj.type == "MESH" and obj.find_armature() == armature]
     if not skins:
         return None
@@ -144,7 +144,7 @@ def _lowest(skin: bpy.types.Object) -> float:
 
 _BAD, _MIDDLE, _GOOD = np.array([[0.86, 0.09, 0.07], [0.95, 0.72, 0.10], [0.16, 0.70, 0.30]])
 RESTING = np.array([0.42, 0.47, 0.56])
-"""Colour of joints that no measurement determines."""
+"""Colour of joints without a measurement."""
 _ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
 _VISIBLE = 0.02
 """Smallest change of a colour that is applied."""
@@ -203,7 +203,7 @@ def skin_colours(
 
 
 def doubtful_bands(take: bpy.types.Action, below: float) -> list[tuple[float, float, tuple[float, float, float]]]:
-    """Return the frames and the colour of each range below a confidence. Interpolated ranges are red."""
+    """Return start, end and colour of each timeline band with low confidence. Interpolated ranges are red."""
     lane = read_lane(take)
     if lane is None:
         return []

@@ -36,7 +36,7 @@ _KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))  # Radius in metres and co
 
 @dataclass(frozen=True)
 class BakeSettings:
-    """Settings of a bake."""
+    """Settings for baking a motion into a scene."""
 
     frame_start: int = 1  # Scene frame of the take's first frame.
     set_scene: bool = True
@@ -44,7 +44,7 @@ class BakeSettings:
     scene_fps: float | None = None  # Frame rate for ``set_scene``, or None for the motion's rate.
     keys_per_second: float | None = None
     """Average number of keys to keep per second, connected by smooth curves. None writes a key at every frame."""
-    tolerance_mm: float | None = None  # Keep as few keys as possible so that no joint moves farther than this.
+    tolerance_mm: float | None = None  # Keep as few keys as possible while every joint stays this close to the motion.
     asset: bool = False  # Mark the action as an asset.
     floor: bool = True  # Add a floor.
     backgrounds: bool = True  # Show footage behind the cameras.
@@ -52,7 +52,7 @@ class BakeSettings:
 
 @dataclass(frozen=True)
 class BakedTake:
-    """Objects that belong to one take."""
+    """Blender objects, action and timing of a baked take."""
 
     collection: bpy.types.Collection
     body: bpy.types.Collection  # Collection that contains the armature and the mesh.
@@ -220,7 +220,7 @@ def keep_edits(
     first: int,
     last: int,
 ) -> bpy.types.Action:
-    """Play a take in which frames first to last come from the solve and all other frames from the edited take."""
+    """Play a take with the frames first to last from the new solve and all other frames from the edited take."""
     rate, start = laid_rate(solved), float(solved["frame_start"])
     step = rate / float(solved["fps"])
     merged = former.copy()

@@ -28,13 +28,13 @@ _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".tga", "
 
 @dataclass(frozen=True)
 class Footage:
-    """Footage recorded by one camera."""
+    """The video or image sequence that one camera recorded."""
 
     files: tuple[Path, ...]  # The video file, or the images in order.
 
     @property
     def is_video(self) -> bool:
-        """True for a video file."""
+        """True for a video file, False for an image sequence."""
         return self.files[0].suffix.lower() in _VIDEOS
 
 
@@ -96,12 +96,12 @@ def _remember_footage(camera: bpy.types.Camera, fps: float) -> None:
 
 
 def laid_footage_rate(camera: bpy.types.Camera) -> float:
-    """Return the scene frame rate for which the footage was placed."""
+    """Return the scene frame rate when the footage was placed."""
     return float(camera[_LAID])
 
 
 def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
-    """Show at each scene frame the footage image that was recorded at that time."""
+    """Time a camera's footage so that every scene frame shows the image that was recorded at that time."""
     user, count = camera.background_images[0].image_user, int(camera[_COUNT])
     rate = camera[FOOTAGE_RATE] / timing.scene_fps
     camera[_LAID] = timing.scene_fps

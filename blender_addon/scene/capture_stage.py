@@ -41,7 +41,7 @@ def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin
 
 
 def _tiles(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (N, 3) vertices, (M, 4) quads and an (M,) mask of line quads."""
+    """Return a tiled floor: vertices (N, 3), quads (M, 4), and a mask (M,) of the quads that are grid lines."""
     tile = max(1.0, float(np.ceil((high - low).max() / _MOST_TILES)))
     steps = [_steps(low[axis], high[axis], tile) for axis in (0, 1)]
     x, y = np.meshgrid(*steps, indexing="ij")
@@ -61,7 +61,7 @@ def _steps(low: float, high: float, tile: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CaptureStage:
-    """Objects that belong to one capture."""
+    """Blender objects that show a capture before it is solved."""
 
     collection: bpy.types.Collection
     cameras: tuple[bpy.types.Object, ...]
@@ -74,7 +74,7 @@ class CaptureStage:
 def set_stage(
     scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int, take_over: bool = True
 ) -> CaptureStage:
-    """Set up a capture. Keep the scene's settings, or take over those of the recording."""
+    """Create a capture's objects. With ``take_over``, the scene also gets the recording's rate, range and camera."""
     frames = max(1, capture.num_frames)
     timing = set_up_time(scene, frames, capture.fps, frame_start, capture.fps if take_over else None)
     collection = child_collection(capture.name, scene.collection)
@@ -111,7 +111,7 @@ def create_detections(
     folder: bpy.types.Collection,
     motion: MotionFile | None = None,
 ) -> tuple[bpy.types.Object, ...]:
-    """Create the detections of each camera and the markers. Markers are coloured by a motion's residuals."""
+    """Create point objects for each camera's detections and for the markers, coloured by a motion's residuals."""
     overlays = []
     if capture.markers is not None and capture.markers.size:
         cloud = create_marker_cloud(capture.markers, capture.marker_labels, capture.fps, timing, folder)

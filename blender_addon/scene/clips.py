@@ -1,4 +1,4 @@
-"""Takes as clips: read the motion that a take plays, add takes from edited motions, and save poses as assets."""
+"""Read the motion that a take plays, add takes from edited motions (clips), and save poses as assets."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _root_ways(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.nda
 
 
 def on_layout(motion: MotionFile, layout: BodyLayout) -> MotionFile:
-    """Convert a motion to the joints of a layout. Fingers missing from the motion stay at rest."""
+    """Convert a motion to the joints of a layout. Fingers that the motion lacks are at rest."""
     if motion.body_layout.joints == layout.joints:
         return motion
     own, columns = motion.body_layout.joints, list[int]()

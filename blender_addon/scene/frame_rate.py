@@ -28,7 +28,7 @@ def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = (
 
 
 def relay(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> float:
-    """Adapt a scene's contents to its frame rate, and return the ratio of the durations."""
+    """Adapt a scene's contents to its frame rate, and return the ratio of new to old durations in frames."""
     rate = scene_frame_rate(scene)
     actions = list({action.name_full: action for action in (*played_takes(scene), *takes)}.values())
     overlays = list(_overlays(scene))

@@ -22,7 +22,7 @@ from ..conventions.timing import TakeTiming
 from .limb_modes import own_channels, sample_bones
 
 _TURN = 2.5e-3
-"""Frobenius norm at which a rotation difference is an edit (0.1 degrees). Rounding and IK cause a tenth of it."""
+"""Smallest Frobenius norm of a rotation difference that is an edit (0.1 degrees). Rounding and IK cause a tenth."""
 _MOVE_M = 5e-4  # Smallest pelvis movement in metres that is an edit.
 
 
@@ -46,14 +46,14 @@ def edited_frames(
 
 
 def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
-    """Return the scene frames (F,) at which the take's frames are played."""
+    """Return the scene frames (F,) of a take's frames."""
     return TakeTiming(float(take["frame_start"]), laid_rate(take)).scene_frames(motion.num_frames, motion.fps)
 
 
 def played_channels(
     scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray, progress: Progress = silent
 ) -> np.ndarray:
-    """Return the channels (F, 3 + 4 J) of the pose that a body plays at each of (F,) scene frames."""
+    """Return the channels (F, 3 + 4 J) of the poses that a body plays at (F,) scene frames."""
     own = armature.animation_data.action  # a take on the NLA is sampled, because its strip may have been moved
     curves = {(c.data_path, c.array_index): c for c in (action_curves(own) if own is not None and is_take(own) else ())}
     if not _poses_from_ends(armature, curves):

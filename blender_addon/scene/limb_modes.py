@@ -1,4 +1,4 @@
-"""Switch a limb between FK and IK. The keys change, but the motion does not."""
+"""Switch limbs between FK and IK. The keys change, but the motion does not."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SAME = 1e-3  # Two keys closer than this, in scene frames, are on the same fram
 
 @dataclass(frozen=True)
 class Channels:
-    """Channels of an armature, to key or to set."""
+    """Keys or sets the locations, rotations and IK switches of an armature."""
 
     armature: bpy.types.Object
     target: CurveTarget | None  # Curves of the action that is played, or None to set the pose.
@@ -86,7 +86,7 @@ def frames_of(action: bpy.types.Action) -> np.ndarray:
     return first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
 
 
-_STRAIGHT_M = 0.02  # Closer to the line between its neighbours, a joint's pole follows the bone above.
+_STRAIGHT_M = 0.02  # If a joint is this close to the line between its neighbours, its pole follows the bone above.
 
 
 def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:
@@ -100,7 +100,7 @@ def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np
         upper: (F, 3) positions of shoulders or hips in metres.
         lower: (F, 3) positions of elbows or knees.
         end: (F, 3) positions of wrists or ankles.
-        ahead: (F, 3) unit vectors in which the middle joint bends, taken from the bone above it.
+        ahead: (F, 3) unit vectors of the middle joint's bending direction, taken from the bone above it.
     """
     line = _unit(end - upper)
     way = _across(lower - upper, line) + _STRAIGHT_M * _across(ahead, line)
@@ -141,7 +141,7 @@ def own_channels(armature: bpy.types.Object, name: str, pose: np.ndarray, parent
 
 
 _LOCAL_AHEAD = {"arm": -1.0, "leg": 1.0}
-"""Direction in which elbows and knees point, along Z of the bone above them (``layout.lay_out_bones``)."""
+"""Sign of the direction of elbows and knees, along Z of the bone above them (``layout.lay_out_bones``)."""
 
 
 def pose_from_ends(

@@ -1,7 +1,4 @@
-"""Pose a live body from incoming poses, or send a body's poses.
-
-No actions, keys or operators are used.
-"""
+"""Pose a live body from incoming poses, or send a body's poses, without actions or keys."""
 
 from __future__ import annotations
 
@@ -144,14 +141,14 @@ def _remove_live_figure() -> None:
 
 @dataclass
 class LiveFace:
-    """A mesh whose face follows incoming values. The mesh is stored by name, because undo replaces objects."""
+    """A mesh with a face that follows incoming values. The mesh is stored by name, because undo replaces objects."""
 
     mesh: str  # Object name of the mesh.
     table: Mapping[str, str] = field(default_factory=dict)
     """Shape key of each channel, by the channel's name in lower case. Other channels use the key of the same name."""
 
     def show(self, face: Mapping[str, float]) -> int:
-        """Set a mesh's shape keys from the channels, and return how many were set."""
+        """Set the mesh's shape keys to the values of the face channels, and return how many were set."""
         obj = bpy.data.objects.get(self.mesh)
         keys = getattr(obj.data, "shape_keys", None) if obj is not None else None
         if keys is None:
@@ -205,5 +202,5 @@ class TakeSender:
         return self._packets.send(self._bundle.encode(time.monotonic() - self._start, rotvec, pelvis - self._rest[0]))
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the network socket."""
         self._packets.close()

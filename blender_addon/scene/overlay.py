@@ -22,7 +22,7 @@ _DOT = 0.0045  # Radius of a detection as a fraction of the image's longer side.
 
 @dataclass(frozen=True)
 class PointLook:
-    """Radius and colours of points."""
+    """Radius and colours of the balls that show points."""
 
     radius_m: float
     colours: tuple[Colour, ...]  # Linear RGBA. Graded points need several colours (see ``point_player.GRADE``).
@@ -109,7 +109,7 @@ def create_marker_cloud(
 
 
 def labels_of(cloud: bpy.types.Object) -> list[str]:
-    """Return the label of each point in a cloud, in order."""
+    """Return the label of each marker in a marker object, in the order of its points."""
     return str(cloud.get(LABELS, "")).split("\n")
 
 

@@ -62,7 +62,7 @@ def player_of(obj: bpy.types.Object) -> bpy.types.NodeTree | None:
 
 
 def played_rate(obj: bpy.types.Object) -> float:
-    """Return the number of rows per scene frame."""
+    """Return how many stored rows of points an object plays per scene frame."""
     return float(_rate_socket(obj).default_value)
 
 
@@ -72,7 +72,7 @@ def played_row(obj: bpy.types.Object, frame: float) -> int:
 
 
 def last_row_frame(obj: bpy.types.Object) -> float:
-    """Return the first scene frame at which an object shows its last row."""
+    """Return the first scene frame that shows an object's last row."""
     return _first_frame(obj) + (_rows(obj) - 1) / played_rate(obj)
 
 

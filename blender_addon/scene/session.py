@@ -94,7 +94,7 @@ def is_untouched(scene: bpy.types.Scene) -> bool:
 
 @contextmanager
 def undisturbed(context: bpy.types.Context) -> Iterator[None]:
-    """Switch to object mode for the block, then restore the mode, the selection and the active object."""
+    """Switch to object mode for a ``with`` block, then restore the mode, the selection and the active object."""
     layer = context.view_layer
     active, selected = layer.objects.active, list(context.selected_objects)
     mode = "OBJECT" if active is None else active.mode
@@ -119,7 +119,7 @@ def _select(layer: bpy.types.ViewLayer, chosen: list[bpy.types.Object], active: 
 
 @contextmanager
 def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
-    """For the block, move an armature into a temporary scene with another scene's frame rate."""
+    """Within a ``with`` block, move an armature into a temporary scene with another scene's frame rate."""
     stage, window = bpy.data.scenes.new(armature.name), bpy.context.window
     shown = window and (window.scene, window.view_layer)
     stage.render.fps, stage.render.fps_base = scene.render.fps, scene.render.fps_base
@@ -157,7 +157,7 @@ def request_of(scene: bpy.types.Scene) -> dict[str, Any]:
 
 
 def _driving_meshes(owner: bpy.types.Object) -> list[bpy.types.Mesh]:
-    """Return the meshes whose shape keys drive an object, including unlinked meshes."""
+    """Return the meshes with shape keys that drive an object, including unlinked meshes."""
     variables = [variable for driver in _drivers((owner, owner.data)) for variable in driver.variables]
     found = (target.id for variable in variables for target in variable.targets)
     return list(dict.fromkeys(key.user for key in found if isinstance(key, bpy.types.Key)))

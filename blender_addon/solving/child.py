@@ -22,7 +22,7 @@ _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 def of_base_python(command: Sequence[str], environment: Mapping[str, str]) -> tuple[Sequence[str], Mapping[str, str]]:
     """Return a command and an environment that run this Python without a launcher in between.
 
-    On Windows, the Python of a virtual environment starts the base Python as a child process. Ending or measuring our
+    On Windows, the Python of a virtual environment starts the base Python as a child process. Ending or measuring that
     child would then affect only that launcher. The base Python reads the environment from a variable, as in
     ``multiprocessing.popen_spawn_win32``.
     """
@@ -61,12 +61,12 @@ class SolverProcess:
 
     @property
     def pid(self) -> int:
-        """Process ID."""
+        """Process ID of the solver."""
         return self._process.pid
 
     @property
     def cancelling(self) -> bool:
-        """True if ``cancel`` was called."""
+        """True once the user has cancelled the run."""
         return self._cancelled_at is not None
 
     @property
@@ -91,13 +91,13 @@ class SolverProcess:
         return items
 
     def cancel(self) -> None:
-        """Ask the process to clean up and to end."""
+        """Ask the solver to remove unfinished files and to end."""
         if self._cancelled_at is None:
             self._cancelled_at = time.monotonic()
             self._close_input()
 
     def kill(self) -> None:
-        """End the process immediately."""
+        """Kill the solver immediately."""
         self._close_input()
         if self._process.poll() is None:
             self._process.kill()

@@ -17,7 +17,7 @@ _ASK_S = 5.0  # Seconds to wait for ``ps``. Chosen by hand.
 
 
 def resident_mb(pid: int) -> float | None:
-    """Return a process's memory in megabytes, or 0 if it has ended, or None if unknown."""
+    """Return a process's memory in megabytes, 0 if it has ended, or None if the system does not report it."""
     if sys.platform == "win32":
         return _windows_mb(pid)
     if (_PROCESSES / "self" / "statm").is_file():

@@ -55,7 +55,7 @@ class LivePose:
 
 @dataclass
 class LiveRun:
-    """State of a live run, which ``poll`` updates. Invalid lines from the process do not raise errors."""
+    """A live run and its state, which ``poll`` updates. Invalid lines from the process do not raise errors."""
 
     process: SolverProcess
     shown: int = 0  # Number of poses that were shown.
@@ -103,7 +103,7 @@ class LiveRun:
 
     @property
     def failure(self) -> str:
-        """The error as a sentence, or "" if there is none."""
+        """Error of the live run as a sentence, or "" without an error."""
         if self.error is None or self.error["code"] == "cancelled":  # it was asked to end before it had begun
             return ""
         return sentence(self.error)

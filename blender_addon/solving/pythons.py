@@ -1,4 +1,4 @@
-"""Find and test Pythons for the solver and the detectors."""
+"""Find and test Python installations for the solver and the detectors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..errors import PythonUnsuitable
 _TIMEOUT_S = 60  # Seconds to wait for an interpreter. Chosen by hand.
 _BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"  # Path of the Python inside an environment.
 MINORS = {"mediapipe": range(9, 13), "litert": range(10, 15)}
-"""Minor versions of Python 3 for which there are wheels of MediaPipe 0.10.21 and LiteRT 2."""
+"""Minor versions of Python 3 that have wheels of both MediaPipe 0.10.21 and LiteRT 2."""
 _DETECTORS = {"mediapipe": "MediaPipe", "onnxruntime": "ONNX Runtime", "litert": "LiteRT"}
 _PROBE = """
 import json, sys
@@ -75,7 +75,7 @@ def probe_detector(python: Path, packages: Path | None = None) -> str:
 
 
 def python_to_make_with(kind: str = "mediapipe") -> Path:
-    """Return a Python that fits a detector's wheels: Blender's own or one from the system."""
+    """Return a Python that can install a detector's wheels: Blender's own or one from the system."""
     minors = MINORS[kind]
     fits = sys.version_info.major == 3 and sys.version_info.minor in minors
     if fits and find_spec("ensurepip") is not None:

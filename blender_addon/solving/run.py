@@ -22,7 +22,7 @@ _LOG_LINES = 2000  # Number of lines to keep at the end of a run's log. Chosen b
 
 @dataclass
 class Run:
-    """State of a run, which ``poll`` updates."""
+    """A solver process with its progress, log and result, which ``poll`` updates."""
 
     verb: str  # Verb of the solver's command line.
     process: SolverProcess
@@ -45,7 +45,7 @@ class Run:
 
     @property
     def elapsed_s(self) -> float:
-        """Seconds since the start."""
+        """Seconds since the start of the run."""
         return time.monotonic() - self.started
 
     @property
@@ -70,7 +70,7 @@ class Run:
         return True
 
     def cancel(self) -> None:
-        """Ask the solver to end."""
+        """Ask the solver to stop and to remove unfinished files."""
         self.process.cancel()
 
     def _take(self, item: Line) -> None:
@@ -108,14 +108,14 @@ def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path
 
 
 def run_of(verb: str, command: Sequence[str], environment: Mapping[str, str], folder: Path) -> Run:
-    """Start a program that writes events like the solver's, and return its run."""
+    """Start a program that writes the same JSON events as the solver, and return its run."""
     run = Run(verb, SolverProcess(command, environment, folder))
     run.log.append(f"> {' '.join(command)}")
     return run
 
 
 def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
-    """Start a script that writes events like the solver's but does not use the solver."""
+    """Start a script that does not use the solver, but writes the same JSON events."""
     command = [backend_command(python)[0], "-I", "-X", "utf8", str(script), *arguments]
     return run_of(verb, command, environment_for_child(python), folder)
 

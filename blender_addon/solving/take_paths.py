@@ -1,4 +1,4 @@
-"""Paths of captures, takes and subjects, and the reports of the steps from videos."""
+"""Paths of captures, takes and calibrated people, and reports of the steps from videos to a capture."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..conventions.naming import next_number, next_path
 _POSE_FOLDERS = frozenset({"pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync"})
 """Names of the folder in a Pose2Sim trial that contains a folder per camera, as in the solver."""
 MARKER_SUFFIXES = (".c3d", ".trc", ".csv", ".tsv")
-"""Suffixes of marker recordings, each of which is a capture. Some programs also use .txt."""
+"""Suffixes of marker recordings. One such file is a capture. Some programs also use .txt."""
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]+')
 
 
 @dataclass(frozen=True)
 class TakeFiles:
-    """Files of a take."""
+    """Paths of a new take's motion, report and job file, and its number."""
 
     number: int
     motion: Path
@@ -32,13 +32,13 @@ class TakeFiles:
 
 
 def safe_name(name: str) -> str:
-    """Return a name that is valid for a folder on every system. Letters of all scripts are kept."""
+    """Replace characters that some systems do not allow in folder names. Letters of all scripts are allowed."""
     cleaned = _FORBIDDEN.sub("_", name).strip(" .")
     return cleaned or "capture"
 
 
 def capture_folder(base: Path, source: Path) -> Path:
-    """Return the folder for a capture's files. Its name contains a checksum."""
+    """Return the folder for a capture's files. A checksum of the path in its name avoids clashes."""
     mark = zlib.crc32(str(source).encode("utf-8", "surrogatepass")) & 0xFFFF
     is_file = source.suffix.lower() in (".npz", ".txt", *MARKER_SUFFIXES)
     return base / f"{safe_name(source.stem if is_file else source.name)}_{mark:04x}"
@@ -57,7 +57,7 @@ def next_subject(folder: Path) -> Path:
 
 
 def capture_root(path: Path) -> Path:
-    """Return the capture to which a dropped file belongs.
+    """Return the capture (a file or a folder) that a dropped file belongs to.
 
     Blender passes only the dropped files and never a folder. For a file that contains detections, a calibration or
     settings, the capture is its folder, or a parent folder that contains the detections of all cameras. Folders,
@@ -110,12 +110,12 @@ def _holds_frames(folder: Path) -> bool:
 NAME = "road.json"
 _FORMAT, _VERSION = "manifold_mocap_road", 2
 _LARGEST = 1 << 20
-"""Size limit of files to read, in bytes. Chosen by hand."""
+"""Size limit of a report in bytes. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class RoadStep:
-    """A finished step on the way from videos to a capture."""
+    """A finished step from videos to a capture, with its diagnostics and pictures."""
 
     name: str
     diagnostics: tuple[Diagnostic, ...]  # Diagnostics of the step.
@@ -123,7 +123,7 @@ class RoadStep:
 
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:
-    """Return the finished steps in order, with the pictures that are inside the folder."""
+    """Return the finished steps from videos in order, with their pictures inside the folder."""
     from .._exchange.json_file import read_json_file  # registering must not load JSON
 
     path = folder / NAME

@@ -1,4 +1,4 @@
-"""Film shots and data sets in colour, simulating lens distortion, exposure and noise."""
+"""Render shots and data sets in colour, and simulate lens distortion, exposure and noise."""
 
 from __future__ import annotations
 
@@ -102,12 +102,12 @@ def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
 
 
 def enlargement(name: str) -> int:
-    """Return the factor by which an engine's pictures are enlarged before they are averaged."""
+    """Return how many times larger an engine renders its pictures before they are averaged."""
     return 2 if name == "workbench" else 1
 
 
 def show_paint(mesh: bpy.types.Mesh) -> None:
-    """Make Workbench show a mesh's corner colours."""
+    """Make Workbench show the colours of a mesh's triangle corners."""
     mesh.color_attributes.active_color = mesh.color_attributes[COLOURS]
     mesh.color_attributes.render_color_index = mesh.color_attributes.find(COLOURS)
 
@@ -125,7 +125,7 @@ DONE = "rgb.json"  # File that marks a shot whose colour pictures are complete.
 FOLDER = "rgb"
 _BLUR_STEPS = 4
 _BANDS = 8
-"""Number of image bands by which a rolling shutter is approximated."""
+"""Number of image bands that approximate a rolling shutter."""
 
 
 Place = Callable[[float], None]  # Function that poses the scene at a time, which is given in frames.
@@ -134,7 +134,7 @@ StandIn = Callable[[bpy.types.Collection], Place]  # Function that builds anothe
 
 @dataclass(frozen=True)
 class ColourShot:
-    """Everything that is needed to render a shot."""
+    """Cameras, lenses, light and settings for rendering a shot in colour."""
 
     capture: CaptureFile
     place: Place
@@ -148,7 +148,7 @@ class ColourShot:
 def film_in_colour(
     folder: Path, progress: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
 ) -> int:
-    """Render either all colour pictures of a shot or none. Return their number."""
+    """Render all colour pictures of a shot, and return their number. A failure leaves no pictures."""
     if (folder / DONE).is_file() and (folder / FOLDER).is_dir():
         return 0
     record = _record(folder)

@@ -39,7 +39,7 @@ def painted_material(name: str, roughness: float) -> bpy.types.Material:
 def painted_object(
     name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray, roughness: float, *, smooth: bool = True
 ) -> bpy.types.Object:
-    """Return an object whose triangle corners have linear RGB colours (C, 3)."""
+    """Create an object with linear RGB colours (C, 3) at its triangle corners."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(points.tolist(), [], faces.tolist())
     mesh.polygons.foreach_set("use_smooth", np.full(len(faces), smooth))
@@ -98,7 +98,7 @@ def _cloth(rest: np.ndarray, rng: np.random.Generator, *, plain: bool) -> np.nda
 
 
 class DressedPerson:
-    """A posable person whose triangle corners have linear RGB colours (3 T, 3)."""
+    """A dressed person to pose and render. Its triangle corners have linear RGB colours (3 T, 3)."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class DressedPerson:
         collection.objects.link(self.object)
 
     def pose(self, frame: float) -> None:
-        """Move the vertices to a time, given in frames, by linear interpolation."""
+        """Move the vertices to their positions at a time in frames, interpolated linearly."""
         first = int(np.floor(frame))
         share = frame - first
         vertices = self.surface(first)
@@ -152,7 +152,7 @@ _GREY = (0.75, 0.75, 0.78)
 
 
 class MarkerBalls:
-    """Marker balls, coloured in linear RGB (count, 3), or grey if None."""
+    """Marker balls in linear RGB ``colours`` (count, 3). If these are None, the balls are grey."""
 
     def __init__(
         self,

@@ -36,7 +36,7 @@ class PlaceMap:
 
 
 def read_places(path: Path) -> list[PlaceMap]:
-    """Read the maps in a benchmark."""
+    """Read the error map of each camera array in a benchmark's file."""
     if not path.exists():
         raise FileMissing("The map no longer exists.", where=str(path), hint="Run the benchmark again.")
     values = read_json_file(path)
@@ -72,7 +72,7 @@ _NO_DATA = (0.25, 0.25, 0.25, 1.0)  # Colour of a place where no keypoint is tri
 
 
 def remove_places(scene: bpy.types.Scene) -> None:
-    """Remove the map from the floor."""
+    """Remove the error map from a scene's floor."""
     for old in [obj for obj in scene.objects if MAP in obj]:
         mesh = old.data
         bpy.data.objects.remove(old)

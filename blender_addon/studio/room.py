@@ -120,7 +120,7 @@ def _make_object(name: str, points: np.ndarray, faces: np.ndarray, colours: np.n
 
 @dataclass(frozen=True)
 class Light:
-    """A room's light."""
+    """Brightness, colour, shadows and sensor noise of a room's light."""
 
     stops: float  # Brightness relative to daylight, which the camera's exposure does not compensate.
     tint: tuple[float, float, float]  # Linear colour of the light.

@@ -1,4 +1,4 @@
-"""Read the scene of a shot, and export the cameras of a Blender scene as a camera array."""
+"""Read a shot's scene file, and convert a Blender scene's cameras to a camera array."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ARRAYS = ("base", "offset_m", "faces", "label", "labels", "rest", "room", "wall
 
 @dataclass(frozen=True)
 class SceneFile:
-    """The dressed person, who has N vertices and T triangles, and the room."""
+    """A shot's dressed person with N vertices and T triangles, and its room."""
 
     base: np.ndarray  # (N,) vertex of the body below each vertex of the person.
     offset_m: np.ndarray  # (N,) distance from that vertex along its posed normal, in metres.
@@ -35,7 +35,7 @@ class SceneFile:
 
 
 def read_scene(path: Path) -> SceneFile:
-    """Read a scene, and check that its arrays are consistent."""
+    """Read a shot's scene file, and check that its arrays are consistent."""
     fields = Fields(path, read_arrays(path, required=("format", "version", *_ARRAYS)))
     fields.accept_format(FORMAT, VERSION)
     base, faces = _numbers(fields, "base", ("vertices",)), _numbers(fields, "faces", ("triangles", 3))
@@ -59,7 +59,7 @@ _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
 
 def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
-    """Return a scene's visible perspective cameras, sorted by name."""
+    """Return a Blender scene's visible perspective cameras as a camera array, sorted by name."""
     found = sorted((obj for obj in scene.objects if obj.type == "CAMERA" and not obj.hide_get()), key=lambda o: o.name)
     if not found:
         hint = "Add cameras, import a capture, or choose another array."

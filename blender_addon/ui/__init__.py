@@ -1,3 +1,3 @@
-"""The user interface in Blender: operators, panels, menus, and the table from which they are registered."""
+"""The user interface in Blender: operators, panels, menus, and the table that registers them."""
 
 ADDON = __name__.rpartition(".")[0]  # Package name of the add-on. It differs in an installed extension.

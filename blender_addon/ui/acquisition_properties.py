@@ -12,48 +12,54 @@ from .._exchange.vmc.sender import SENT, VMC, VmcAddress, read_address
 from ..conventions.file_paths import file_of
 from .setting_properties import Items, choice, flags, items_of, number, path, switch, text
 
-_SUBJECT = "Calibrated person (leave blank to learn the body shape while the person moves)"
+_SUBJECT = "Person file from Calibrate Subject (leave blank to learn the body shape while the person moves)"
 
 
 class SendingProperties:
     """Mixin for the settings of runs that can send their poses to other programs."""
 
-    send: switch("Send", "Also send every pose to another program over VMC")
-    send_to: text("Send To", "Address of the other program, vmc://HOST:PORT", str(VmcAddress()))
+    send: switch("Send", "Stream every pose to another program with the VMC protocol")
+    send_to: text(
+        "Send To",
+        "Address of the receiving program (keep the default if it runs on this computer)",
+        str(VmcAddress()),
+    )
 
 
 class MocapLive(SendingProperties, bpy.types.PropertyGroup):
-    """Settings of a live run."""
+    """Settings of the Live panel."""
 
-    kind: choice("Source", "Source of the points or poses", "live.kind")
+    kind: choice("Source", "Recording, program or cameras that provide the live motion", "live.kind")
     source: path(
-        "Recording", "Marker recording (C3D, TRC, CSV, TSV) or motion (.npz), or blank for the capture's markers"
+        "Recording",
+        "Marker recording (C3D, TRC, CSV, TSV) or motion (.npz) to replay (leave blank to use the capture's markers)",
     )
     listen: text(
         "Listen At",
-        "Address to listen at: vmc://0.0.0.0 for the network, livelink://0.0.0.0 or ifacialmocap://PHONE for a face",
+        "Where the data arrives (vmc://0.0.0.0 to receive from other computers, livelink://0.0.0.0 or "
+        "ifacialmocap://PHONE to receive a face)",
         str(VmcAddress()),
     )
     cameras: text(
         "Cameras",
-        "Two to four sources: webcam:0, oak:ID or a video file, preceded by the calibrated name if it differs "
-        "(left=webcam:0)",
+        "Two to four cameras, such as webcam:0 oak:ID or video files (left=webcam:0 assigns a webcam to the calibrated "
+        "camera 'left')",
     )
-    calibration: path("Calibration", "File with the camera positions and lenses")
+    calibration: path("Calibration", "File with the positions and lenses of the cameras above")
     subject: path("Subject", _SUBJECT)
-    record: switch("Record", "Save the points as a take, or the poses as a motion", on=True)
-    drive: switch("Drive Character", "Animate the Retarget panel's target live")
-    face_mesh: text("Face", "Mesh with shape keys driven by the received face data")
+    record: switch("Record", "Save the received points or poses to a file, to solve or import them later", on=True)
+    drive: switch("Drive Character", "Also move the character chosen as target in the Retarget panel")
+    face_mesh: text("Face", "Character mesh that shows the received expressions with its shape keys")
     face_table: path("Face Table", "JSON file that maps each channel to a shape key (leave blank if the names match)")
 
 
 def sending_options(properties: Any) -> list[str]:
-    """Return the options for sending a live run's poses, or an empty list if sending is off."""
+    """Return the command-line options for sending live poses, or an empty list if sending is off."""
     return ["--send", str(allowed_address(properties.send_to, SENT))] if properties.send else []
 
 
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Parse an address. Reject a remote address if online access is off."""
+    """Parse a network address. Reject other computers if Blender's online access is off."""
     address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:
         hint = "Allow Online Access in the preferences (System), or use 127.0.0.1."
@@ -81,7 +87,7 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     )
     sync: choice("Sync", "Signal that makes all cameras expose at the same time", "sensors.sync")
     calibration: path("Calibration", "Sensor calibration (leave blank to use the recording's calibration)")
-    wand: path("Wand", "Recording of a single moving marker", folder=True)
+    wand: path("Wand", "Recording of a single marker that was waved through the capture volume", folder=True)
     gamma: path("Γ", "Recording of three floor markers (leave blank to use the first sensor as origin)", folder=True)
     long_edge: number(
         "Long Edge", "Distance between the marker centres along the longer side of the Γ", 0.6, 0.05, 5, "m"
@@ -89,10 +95,10 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     short_edge: number(
         "Short Edge", "Distance between the marker centres along the shorter side of the Γ", 0.4, 0.05, 5, "m"
     )
-    trigger: switch("One Trigger", "One signal triggers all sensors, so their clocks are not estimated")
+    trigger: switch("One Trigger", "Enable if one signal triggers all sensors, so that no time offset is estimated")
     subject: path("Subject", _SUBJECT)
     record: switch("Record", "Save the sensor images for a later solve (90 MB per second per sensor)", on=True)
-    take: path("Take", "Sensor recording to solve", folder=True)
+    take: path("Take", "Sensor recording to import as a capture", folder=True)
     findings: str  # Calibration results, one sentence per line.
 
     def sensors(self) -> list[str]:
@@ -104,7 +110,7 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
         return [*named, "--sync", self.sync, *calibration] if named else []
 
     def calibrating(self) -> list[str]:
-        """Return the options of the wand calibration."""
+        """Return the command-line options of the wand calibration."""
         options = [*_paths(self.wand), *(["--trigger"] if self.trigger else [])]
         lengths = ["--gamma-lengths", f"{self.long_edge:.4f}", f"{self.short_edge:.4f}"]
         return [*options, *_paths("--gamma", self.gamma), *lengths] if self.gamma else options
@@ -128,7 +134,7 @@ _PLAN: dict[str, Any] = {"update": _forget_plan}
 
 
 class MocapBenchmarkRow(bpy.types.PropertyGroup):
-    """Accuracy of one camera array in a benchmark."""
+    """Accuracy of one camera array in the benchmark table."""
 
     array: str
     faults: str  # Description of the simulated errors.
@@ -139,15 +145,15 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
 
 
 class MocapStudio(bpy.types.PropertyGroup):
-    """Settings of data sets and benchmarks."""
+    """Settings of the Studio panels, which make data sets and benchmarks."""
 
-    motion: choice("Motion", "Source of the simulated people's motion", "studio.motion", **_PLAN)
+    motion: choice("Motion", "Motion that the simulated people perform", "studio.motion", **_PLAN)
     motion_path: path("Path", "Motion file, or a folder with several motion files", **_PLAN)
     frames: number("Frames", "Maximum number of frames per shot", 60, 1, 100_000, **_PLAN)
     fps: number("Rate", "Images per second from each camera", 30.0, 1, 1000, **_PLAN)
     people: number("People", "Number of different bodies, each filmed alone", 1, 1, 1000, **_PLAN)
-    strange: switch("Unusual Proportions", "Use body proportions outside our body model", **_PLAN)
-    seed: number("Seed", "Random seed for people, clothes and errors", 0, 0, 2**31 - 1, **_PLAN)
+    strange: switch("Unusual Proportions", "Use bodies that the solver's body model cannot match exactly", **_PLAN)
+    seed: number("Seed", "Change this number for other people, clothes and errors", 0, 0, 2**31 - 1, **_PLAN)
     array: choice(
         "Camera Array",
         "Positions and lenses of the simulated cameras",
@@ -157,7 +163,7 @@ class MocapStudio(bpy.types.PropertyGroup):
     count: number("Cameras", "Number of cameras in the ring", 4, 1, 64, **_PLAN)
     radius_m: number("Radius", "Distance from the centre of the ring", 3.0, 0.2, 50, "m", **_PLAN)
     height_m: number("Height", "Height of the lenses above the floor", 1.4, 0, 20, "m", **_PLAN)
-    look: choice("Look", "Clothes and room", "studio.look", **_PLAN)
+    look: choice("Look", "Clothing, furniture and light in the images", "studio.look", **_PLAN)
     film: flags("Film", "Images that each camera records", "studio.film", "infrared", "depth", "masks", **_PLAN)
     write: flags("Write", "Additional files for other programs", "studio.write", **_PLAN)
     faults: choice("Faults", "Errors added to the simulated detections or markers", FAULTS, **_PLAN)
@@ -166,9 +172,9 @@ class MocapStudio(bpy.types.PropertyGroup):
         "Image Scale", "Factor for width and height, such as 0.5 for a quarter of the pixels", 1.0, 0.05, 4, **_PLAN
     )
     out: path("Folder", "Data set folder (leave blank to create one next to the takes)", folder=True, **_PLAN)
-    methods: flags("Methods", "Solve the simulated take with these methods", _METHODS, "triangulation", "global")
-    against: flags("Compare With", "Additional camera arrays to compare", PRESET_ARRAYS)
-    fewer: switch("One Camera Fewer", "Also evaluate the array without its last camera")
+    methods: flags("Methods", "Solver methods to compare on the simulated take", _METHODS, "triangulation", "global")
+    against: flags("Compare With", "Other camera arrays to test with the same motion", PRESET_ARRAYS)
+    fewer: switch("One Camera Fewer", "Also test the array without its last camera, to see how much this camera helps")
     planned: str  # Size of the checked data set, or "" once a setting has changed.
     planned_file: str
     planned_out: str

@@ -29,7 +29,7 @@ def adopt(scene: bpy.types.Scene) -> int:
 
 
 def adopt_beside(scene: bpy.types.Scene, shown: bpy.types.PropertyGroup) -> None:
-    """Adopt bodies that are not in a capture yet, such as a replacement, and keep the current capture."""
+    """Make captures for bodies without one, and keep showing the same capture in the panels."""
     index = next((index for index, capture in enumerate(scene.mocap.captures) if capture == shown), -1)
     adopt(scene)
     scene.mocap.show(index)
@@ -106,7 +106,7 @@ def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.
 
 @persistent
 def on_load(*_: object) -> None:
-    """Adopt the bodies in a newly opened file."""
+    """Make captures for the solved bodies in a newly opened file."""
     _counts.clear()
     for scene in bpy.data.scenes:
         settle(scene)
@@ -114,7 +114,7 @@ def on_load(*_: object) -> None:
 
 @persistent
 def on_update(scene: bpy.types.Scene, *_: object) -> None:
-    """Adopt appended, linked or pasted bodies after the number of objects has changed."""
+    """Make captures for appended, linked or pasted bodies after the number of objects has changed."""
     count = len(scene.objects)
     if _counts.get(scene.name_full) != count:
         _counts[scene.name_full] = count
@@ -122,7 +122,7 @@ def on_update(scene: bpy.types.Scene, *_: object) -> None:
 
 
 def settle(scene: bpy.types.Scene) -> None:
-    """Clear a deleted retarget target, and adopt bodies that were added without the panels."""
+    """Clear a deleted retarget target, and make captures for bodies that were added without the panels."""
     if scene.library is not None:
         return
     target = scene.mocap.retarget.target

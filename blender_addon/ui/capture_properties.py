@@ -16,17 +16,20 @@ from .tags import TaggedObject, active_name, active_object, find_collection, giv
 _BONE_ITEMS = (
     ("AUTO", "Automatic", "Use the label, or the bone that the marker moves with if the label is unknown"),
     ("NONE", "Nothing", "Do not use this marker in the solve"),
-    *((joint, joint.replace("_", " ").capitalize(), f"The bone {joint}") for joint in JOINTS[:-2]),
+    *(
+        (joint, joint.replace("_", " ").capitalize(), f"The marker moves with the bone {joint}")
+        for joint in JOINTS[:-2]
+    ),
 )
-"""Bones that a marker can belong to. Ends of hands are missing, because markers do not determine their rotation."""
+"""Bones that a marker can move with. Hand ends are not offered, because markers do not determine their rotation."""
 _NAME_ITEMS = (
     ("NONE", "No Marker", "The point is not a marker of the person"),
-    *((name, name, f"The point is {name}") for name in MARKERS),
+    *((name, name, f"The point is the marker {name}") for name in MARKERS),
 )
 
 
 class MocapCamera(bpy.types.PropertyGroup):
-    """One camera of the capture."""
+    """Data of one camera of a capture, and whether solves use it."""
 
     use: switch("Use", "Include this camera in the next solve", on=True)
     seen_percent: float
@@ -40,23 +43,23 @@ class MocapCamera(bpy.types.PropertyGroup):
 
 
 class MocapLeftOut(bpy.types.PropertyGroup):
-    """A range of scene frames in which one camera is excluded. Its name is the camera's name."""
+    """A range of scene frames where the solve ignores one camera. Its name is the camera's name."""
 
     first: int
     last: int
 
 
 class MocapMarker(bpy.types.PropertyGroup):
-    """One marker of the capture. Its name is its label."""
+    """Data of one marker of a capture. The item's name is the marker's label."""
 
     meaning: str  # One of ``panels.capture.MEANINGS``.
     gaps: int
     missing_percent: float
-    bone: choice("Moves With", "Bone under the marker", _BONE_ITEMS)
+    bone: choice("Moves With", "Bone that the marker is attached to (if unsure, keep Automatic)", _BONE_ITEMS)
 
     @property
     def place(self) -> str | None:
-        """Bone name as written in layout files, or None if the user has not chosen a bone."""
+        """Marker position for a layout file: a bone, "" for no bone, or None if the user has not chosen."""
         return {"AUTO": None, "NONE": ""}.get(self.bone, f"@{self.bone}")
 
 
@@ -69,7 +72,7 @@ class MocapPointLabel(bpy.types.PropertyGroup):
 
 
 class MocapPin(bpy.types.PropertyGroup):
-    """A pose that the solver must keep."""
+    """A pose that a new solve of a range must keep."""
 
     frame: int  # Scene frame of the pose.
     subframe: float  # Fractional offset from this frame. It can arise when the frame rate changes.
@@ -94,7 +97,7 @@ _FRAMES = -(2**31), 2**31 - 1  # Frame numbers that a Blender property can store
 
 
 class MocapReview(bpy.types.PropertyGroup):
-    """Review of a person's takes."""
+    """Settings and data for reviewing the takes of one person."""
 
     body_tag: str
     armature = TaggedObject("body_tag", prefer_active=True)
@@ -106,7 +109,7 @@ class MocapReview(bpy.types.PropertyGroup):
     pins: Items[MocapPin]
 
     def plays(self, obj: bpy.types.Object) -> bool:
-        """Return whether an object is the body, a copy of the body, or the skin of either."""
+        """Return whether an object is this person's body, a copy of it, or the skin of either."""
         return bool(self.body_tag) and self.body_tag in (tag_of(obj), tag_of(obj.find_armature()))
 
     @property
@@ -145,7 +148,7 @@ def _colour_markers(self: bpy.types.PropertyGroup, context: bpy.types.Context) -
 
 
 class MocapCapture(bpy.types.PropertyGroup):
-    """One capture in the scene."""
+    """Data of one capture in the scene: its files, cameras, markers, people and diagnostics."""
 
     source: str  # Path of the recording (a file or a folder).
     file: str  # Capture file that was made from the recording.
@@ -158,20 +161,20 @@ class MocapCapture(bpy.types.PropertyGroup):
     marker_items: Items[MocapMarker]
     marker_index: int
     point_labels: Items[MocapPointLabel]
-    label_name: choice("Label", "Name of the selected point, until its track ends", _NAME_ITEMS, "C7")
+    label_name: choice("Label", "Marker name for the selected point, until its track ends", _NAME_ITEMS, "C7")
     subjects: str
     cloud_tag: str
     cloud = TaggedObject("cloud_tag")
     show_names: switch("Names", "Show the name next to each marker in the viewport")
     show_residuals: switch(
         "Residuals",
-        "Colour markers by their distance from the body: green to 10 mm, orange to 25 mm, then red",
+        "Colour markers by their distance from the solved body: green up to 10 mm, orange up to 25 mm, then red",
         on=True,
         update=_colour_markers,
     )
     cameras: Items[MocapCamera]
     network: path("Network Result", "Result of GVHMR, WHAM or another network for this video, used to estimate depth")
-    show_agreement: switch("Agreement", "Outline cameras in green, orange (problem) or grey (unused)", on=True)
+    show_agreement: switch("Agreement", "Outline cameras in green (good), orange (problem) or grey (not used)", on=True)
     left_out: Items[MocapLeftOut]
     checked: str  # Results of the calibration check, one per line.
     check_findings: str  # JSON text of the diagnostics of the calibration check.
@@ -199,7 +202,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         return len(self.cameras) == 1
 
     def refined_text(self) -> str:
-        """Return a text with the errors before and after refinement, or "" for the original calibration."""
+        """Return the reprojection errors before and after Refine Calibration as text, or "" without refinement."""
         pairs = [(item.before_px, item.after_px) for item in self.cameras if item.after_px > 0]
         if not self.original or not pairs:
             return ""
@@ -207,7 +210,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         return f"{before:.1f} px before, {after:.1f} px after"
 
     def leave_out(self, scene_fps: float) -> list[str]:
-        """Return the excluded cameras and frame ranges in the format of the solver setting."""
+        """Return the excluded cameras and their frame ranges, as the solver's ``leave_out`` setting takes them."""
         unused = [item.name for item in self.cameras if not item.use]
         ratio = self.fps / scene_fps if self.fps else 1.0
         ranges: list[str] = []
@@ -234,7 +237,7 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def measured(self) -> str:
-        """Source of the takes: the capture file, or the motion file if there is no capture."""
+        """File that the takes come from: the capture file, or the motion file if there is no capture."""
         return self.file or (self.source if self.review.armature is not None else "")
 
     def review_of(self, person: int) -> MocapReview:
@@ -243,12 +246,12 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def reviews(self) -> list[MocapReview]:
-        """The reviews of all people."""
+        """Review data of all people in the capture."""
         return [self.review_of(person) for person in range(max(1, len(self.people)))]
 
     @property
     def person_index(self) -> int:
-        """Index of the person whose body is active, or of the person chosen last."""
+        """Index of the person with the active body, or of the person chosen last."""
         active = active_object(self.id_data)
         if active is not None and active.name_full != self.person_active:
             for person, review in enumerate(self.reviews):

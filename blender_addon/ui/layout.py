@@ -18,19 +18,19 @@ from .translation import CONTEXT
 _NARROW_PX = 280  # Sidebar width below which a label and its value do not fit in one row.
 _SLIM_PX = 240  # Sidebar width below which two labelled numbers do not fit in one row.
 _LONG = ("ENUM", "STRING", "POINTER")
-"""Property types with text values. Numbers and switches show their label inside their own field."""
+"""Property types that need a label next to their field. Numbers and switches show it inside the field."""
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
 """Size of panel text, total margin around it in a box, and icon width, all at an interface scale of 1."""
 _MIN_LETTERS = 8  # Letters per line in the narrowest possible sidebar.
 _PARTS = re.compile(r"\s*(?:\(?± \S+|\S+?(?:[^\W\d]-(?=[^\W\d])|[\\/](?=\w\w)|_(?=\w{6}))|\S+)")
-"""Words, with a possible break after a hyphen, a folder, and a part of a long file name, but none after ±."""
+"""Pieces of a text between possible line breaks: after words, hyphens, folders and long parts of file names."""
 _CONTROLS = {
     option: row.control or f"*{row.label}*"
     for rows in (ROWS, settings_of_class(SolveSettings), settings_of_class(VideoSettings))
     for row in rows.values()
     for option in row.options
 }
-"""The control in the panel that each command-line option stands for."""
+"""Panel control that replaces each command-line option in a message."""
 TALLEST = 1.6  # Height of the button for the next step, relative to other buttons.
 
 
@@ -74,7 +74,7 @@ def draw_field(layout: bpy.types.UILayout, settings: Any, name: str, icon: str =
 
 
 def draw_button(layout: bpy.types.UILayout, operator: str, icon: str, scale: float = TALLEST, **more: Any) -> None:
-    """Draw a tall button."""
+    """Draw a button that is taller than others, for the most important action."""
     column = layout.column()
     column.scale_y = scale
     column.operator(operator, icon=icon, **more)
@@ -83,10 +83,10 @@ def draw_button(layout: bpy.types.UILayout, operator: str, icon: str, scale: flo
 def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
 ) -> None:
-    """Draw a text on as many lines as it needs, with an icon on the first. The text may come from a file.
+    """Draw a text on as many lines as it needs, with an icon on the first line.
 
-    Command-line options are replaced by their controls, unless the text contains backticks: an option of another verb
-    or next to a command.
+    Each command-line option is replaced by the panel control with the same effect. A text with backticks keeps its
+    options, because it quotes a command.
     """
     if "`" not in text:
         text = re.sub(r"(?<!\w)--[a-z-]+", lambda option: _CONTROLS.get(option[0], option[0]), text)
@@ -104,7 +104,7 @@ def draw_lines(layout: bpy.types.UILayout, context: bpy.types.Context, text: str
 
 
 def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
-    """Draw the next step."""
+    """Draw a sentence that describes the user's next step."""
     wrapped(layout, context, text, "FORWARD")
 
 
@@ -137,7 +137,7 @@ def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[st
 
 
 def redraw(*kinds: str) -> None:
-    """Redraw the regions of the given kinds in every 3D viewport."""
+    """Redraw regions of the given types (such as "UI" for the sidebar) in every 3D viewport."""
     for window in bpy.context.window_manager.windows if bpy.context.window_manager else ():
         for area in window.screen.areas:
             for region in area.regions if area.type == "VIEW_3D" else ():

@@ -1,4 +1,4 @@
-"""Preferences: the Pythons that run the solver and the detector, and the switch of the Acquire tab."""
+"""Preferences: the Python installations of the solver and the detector, and the Acquire tab."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WHOLE: dict[str, Any] = {"options": set()}
 
 
 class MocapPreferences(bpy.types.AddonPreferences):
-    """Settings that belong to the user and not to a file."""
+    """Settings that apply to all files of the user."""
 
     bl_idname = ADDON
 
@@ -63,7 +63,7 @@ class MocapPreferences(bpy.types.AddonPreferences):
 
 
 def shows_acquisition(context: bpy.types.Context) -> bool:
-    """Return whether the Acquire tab is shown. Without preferences it always is."""
+    """Return whether the Acquire tab is shown. It is always shown if the add-on runs from the source tree."""
     preferences = preferences_of(context)
     return preferences is None or preferences.acquisition
 
@@ -106,7 +106,7 @@ def uses_included(context: bpy.types.Context) -> bool:
 
 
 def detector_for(context: bpy.types.Context) -> Path | None:
-    """Return the Python of the chosen detector, or None if there is none or the solver's Python runs it."""
+    """Return the Python of the chosen detector, or None if it is missing or is the solver's Python."""
     videos = context.scene.mocap.videos
     if uses_included(context):
         return None
@@ -131,7 +131,7 @@ def lacks_detector(context: bpy.types.Context) -> bool:
 
 
 def detector_text(context: bpy.types.Context) -> str:
-    """Return a sentence about the detector, based only on what is known without starting it."""
+    """Return a sentence about the detector without starting it."""
     if lacks_detector(context):
         return "No detector is set up. Press Set Up Detector, or install the zip that includes one"
     if uses_included(context):

@@ -78,20 +78,18 @@ def _new_session() -> Path:
 
 @dataclass(frozen=True)
 class _Link:
-    """One of the paths stored in the open file."""
+    """A path stored in the open .blend file."""
 
     owner: Any  # Settings of a scene, or an action in the file.
     key: str
-    follows: bool  # True if the target moves with the .blend file. The user's own files do not move.
+    follows: bool  # True for the add-on's files, which move with the .blend file. The user's own files do not move.
 
     @property
     def text(self) -> str:
-        """The stored path."""
         is_action = isinstance(self.owner, bpy.types.Action)
         return str(self.owner.get(self.key, "") if is_action else getattr(self.owner, self.key))
 
     def write(self, value: str) -> None:
-        """Store another path."""
         if isinstance(self.owner, bpy.types.Action):
             self.owner[self.key] = value
         else:
@@ -100,26 +98,26 @@ class _Link:
 
 @dataclass
 class Journey:
-    """Changes made by one save."""
+    """Files copied and paths changed by one save, to undo them if saving fails."""
 
     before: list[tuple[_Link, str]] = field(default_factory=list)  # Changed links and their earlier paths.
     copied: dict[Path, Path] = field(default_factory=dict)  # New path of each copied file, keyed by its earlier path.
     made: list[Path] = field(default_factory=list)  # Copies that did not exist before.
 
     def relink(self, link: _Link, text: str) -> None:
-        """Change a link and remember its earlier path."""
+        """Change a stored path and remember the earlier one."""
         if link.text != text:
             self.before.append((link, link.text))
             link.write(text)
 
     def links_back(self) -> None:
-        """Restore all links."""
+        """Restore all stored paths."""
         for link, text in reversed(self.before):
             with suppress(ReferenceError):
                 link.write(text)
 
     def back(self) -> None:
-        """Restore all links and remove the copies."""
+        """Restore all stored paths, and remove the copied files."""
         self.links_back()
         for path in self.made:
             with suppress(OSError):
@@ -154,7 +152,7 @@ following = Following()
 
 
 def follow(target: Path) -> Journey:
-    """Copy the scene's files to the .blend file's folder, and link the scene to them. On failure, change nothing."""
+    """Copy captures and takes to the .blend file's folder and store the new paths. A failure changes nothing."""
     journey, base = Journey(), target.parent
     try:
         links = list(_links())
@@ -199,7 +197,7 @@ def before_save(target: str = "", *_: object) -> None:
 
 @persistent
 def after_save(target: str = "", *_: object) -> None:
-    """Clear the session folder, or restore the links if the user saved a copy."""
+    """Remove the originals in the session folder, or restore the paths if the user saved a copy."""
     journey, following.journey = following.journey, None
     if journey is None:
         return
@@ -214,7 +212,7 @@ def after_save(target: str = "", *_: object) -> None:
 
 @persistent
 def after_failed_save(*_: object) -> None:
-    """Restore all links and remove the copies."""
+    """Restore all stored paths, and remove the copied files."""
     journey, following.journey = following.journey, None
     if journey is not None:
         journey.back()
@@ -224,21 +222,20 @@ _MOST_FOLDERS = 20_000  # Largest number of folders to search. Chosen by hand.
 
 
 def missing_links() -> list[_Link]:
-    """Return the links to files of captures and takes that no longer exist."""
+    """Return the stored paths of captures and takes that no longer exist."""
     made = ("folder", "results", "session")  # these are created when needed
     return [link for link in _links() if link.text and link.key not in made and not file_of(link.text).exists()]
 
 
 def relink(folder: Path) -> tuple[int, list[Path]]:
-    """Link missing files to files of the same names below a folder.
+    """Find missing captures and takes below a folder by their names, and store their new paths.
 
-    A candidate must be in the folder itself, or in a folder named like the missing file's folder. Of several
-    candidates, the one that shares the most parent folder names is linked, or none if two share equally many. If
-    several missing files have the same candidate, only the best match is linked, and none if another link already
-    points to this file.
+    A candidate must be in the folder itself, or in a folder with the name of the missing file's folder. The candidate
+    with the most equal parent folders is used, or none if two are equally good. A file replaces only one missing file,
+    and none if another stored path already points to it.
 
     Returns:
-        The number of links that were changed, and the paths that are still missing.
+        The number of changed paths, and the files that are still missing.
     """
     links, there = missing_links(), dict[str, list[Path]]()
     for place, folders, files in islice(os.walk(folder), _MOST_FOLDERS):
@@ -263,7 +260,7 @@ def relink(folder: Path) -> tuple[int, list[Path]]:
 
 
 def _equal_parts(path: Path, other: Path) -> int:
-    """Return how many trailing parts two paths have in common."""
+    """Return how many of their last parts (file name, folder, ...) two paths share."""
     parts = zip(reversed(path.parts), reversed(other.parts), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
 
@@ -292,7 +289,7 @@ def _links() -> Iterator[_Link]:
 
 
 def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
-    """Return the new path of each file. If a folder already has other files of these names, its name gets a number."""
+    """Return each file's new path. Number the new folder if it already has other files with these names."""
     groups: dict[Path, tuple[Path, set[Path]]] = {}
     for path in paths:
         root = _root(path, base)
@@ -308,7 +305,7 @@ def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
 
 
 def _root(path: Path, base: Path) -> tuple[Path, Path] | None:
-    """Return a file's new and current root folders, or None if the file does not move."""
+    """Return the new and the current root folder of a file, or None if the file does not move."""
     sessions = sessions_folder()
     if path.is_relative_to(sessions) and len(path.relative_to(sessions).parts) > 1:
         return base / BESIDE, sessions / path.relative_to(sessions).parts[0]
@@ -327,7 +324,7 @@ def _old_base() -> Path | None:
 
 
 def _is_kept(link: _Link, path: Path) -> bool:
-    """Return whether a link is a folder relative to the .blend file. Such a folder moves with the file."""
+    """Return whether a path is a folder relative to the .blend file, which moves with the file."""
     base = _old_base()
     return link.key == "folder" and link.text.startswith("//") and (base is None or path.is_relative_to(base))
 

@@ -1,4 +1,4 @@
-"""Define all data that the add-on stores in a scene, under one pointer: ``scene.mocap``."""
+"""All settings and data that the add-on stores in a scene, as ``scene.mocap``."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ _JOINT_SET_ITEMS = (
 
 
 class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
-    """Settings for reading a capture."""
+    """Settings of the Reading Options panel."""
 
     scene_setup: SCENE_SETUP
     footage_anywhere: switch(
@@ -78,7 +78,7 @@ class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
     up_axis: listed("up_axis", _UP_ITEMS)
 
     def arguments(self) -> list[str]:
-        """Return these settings as options of the solver's command line."""
+        """Return these settings as command-line options of the solver."""
         chosen = {name: getattr(self, name) for name in ("joint_set", "unit", "up_axis")}
         return reading_options(self, {name: value for name, value in chosen.items() if value != AUTO})
 
@@ -88,10 +88,10 @@ def _is_mesh(_self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
 
 
 class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
-    """Settings of a solve."""
+    """Settings of the Solve and Advanced panels."""
 
     preset: choice("Preset", "Choose settings by purpose instead of individually", "solve.preset", "BALANCED")
-    subject: path("Subject", "Calibrated person wearing the markers (leave blank to calibrate from the take itself)")
+    subject: path("Subject", "Person file from Calibrate Subject (leave blank to calibrate the person from this take)")
     keep_shape: switch("Keep Shape", "Use the shape set by the body's sliders instead of estimating it", on=True)
     report: switch("Report", "Write an HTML page with errors, warnings and charts", on=True)
     contact_mesh: bpy.props.PointerProperty(
@@ -106,7 +106,7 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
         return ROWS[name].acts_in(self.method if self.preset == "CUSTOM" else DEFAULTS["method"])
 
     def values(self) -> dict[str, Any]:
-        """Return the settings for the job file: those of the preset or the user, and all non-default ones."""
+        """Return the settings for a job file: the preset's or user's method, and other non-default settings."""
         acting = tuple(name for name in CHOSEN_BY_PRESETS if self.acts(name))
         method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset.lower()]
         others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))
@@ -114,11 +114,11 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
 
 
 class MocapVideoPicture(bpy.types.PropertyGroup):
-    """An image that a step created. Its name is its path."""
+    """An image that a step from videos created. The item's name is the image's path."""
 
 
 class MocapVideoStep(bpy.types.PropertyGroup):
-    """A finished step. Its name is the one that the solver uses."""
+    """A finished step from videos to a capture. Its name is the solver's name for the step."""
 
     notes: str  # One sentence per line.
     warnings: str  # One sentence per line.
@@ -163,7 +163,7 @@ class MocapVideos(
         return ["--detector", model, "--people", str(self.people)]
 
     def arguments(self) -> list[str]:
-        """Return these settings as options of the solver's command line."""
+        """Return these settings as command-line options of the solver."""
         options = [*self.detector_arguments(), "--sync", self.clocks, "--cameras", self.cameras]
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
@@ -172,7 +172,7 @@ class MocapVideos(
         return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
 
     def take_steps(self, folder: str) -> None:
-        """Show the steps that have results in a folder. Steps that the user expanded stay expanded."""
+        """Show the steps that have results in a folder, and keep which steps the user expanded."""
         from ..solving.take_paths import read_road
 
         opened = {step.name for step in self.steps if step.open}
@@ -208,7 +208,7 @@ def _map_target(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> No
 
 
 def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
-    """Fill the table with a map, one row for each role that a person can have."""
+    """Fill the bone table with a map, one row for each body part."""
     import json
 
     from .._exchange.rigs.skeleton import JOINT_OF, order_of
@@ -223,9 +223,9 @@ def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
 
 
 class MocapRole(bpy.types.PropertyGroup):
-    """One role in the bone map."""
+    """One row of the bone table: a body part and the rig's bone for it."""
 
-    bone: text("Bone", "Rig bone with this role (leave blank if there is none)")
+    bone: text("Bone", "Bone of the target that matches this body part (leave blank if there is none)")
 
 
 _ACTOR = {"type": bpy.types.Object, "name": "Actor", "poll": _is_other_than_target}
@@ -237,7 +237,7 @@ def _set_automatic_scale(settings: bpy.types.PropertyGroup, on: bool) -> None:
 
 
 class MocapRetarget(bpy.types.PropertyGroup):
-    """Settings for retargeting."""
+    """Settings of the Retarget panel, and its bone table."""
 
     actor: bpy.props.PointerProperty(
         description="Armature that provides the motion (leave blank to use the solved body)", **_ACTOR
@@ -307,7 +307,7 @@ class MocapSettings(bpy.types.PropertyGroup):
 
     @property
     def capture_index(self) -> int:
-        """Index of the capture of the active object, or else of the one chosen last. -1 without captures."""
+        """Index of the active object's capture, or else of the capture chosen last. -1 without captures."""
         last = len(self.captures) - 1
         if self.held >= 0:
             return min(self.held, last)

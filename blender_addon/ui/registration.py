@@ -1,4 +1,4 @@
-"""Register all parts of the add-on from one table. Unregistering uses the reverse order."""
+"""Register all parts of the add-on from one table, and unregister them in reverse order."""
 
 from __future__ import annotations
 
@@ -119,12 +119,12 @@ TABLE: tuple[Registrable, ...] = (
 
 
 def register() -> None:
-    """Register the table from top to bottom."""
+    """Register all items of ``TABLE`` in order."""
     for add, _ in TABLE:
         add()
 
 
 def unregister() -> None:
-    """Unregister the table from bottom to top."""
+    """Unregister all items of ``TABLE`` in reverse order."""
     for _, remove in reversed(TABLE):
         remove()

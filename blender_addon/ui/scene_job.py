@@ -33,10 +33,10 @@ def prepare_job(
     of: bpy.types.PropertyGroup | None = None,
     person: int | None = None,
 ) -> tuple[JobFile, Path]:
-    """Write the files for a person's job, and return the job and its path.
+    """Return the job that solves a person with the scene's settings, and the path for its job file.
 
-    ``frames`` is a range to solve again. Raises ``MocapError`` if takes cannot be written, or if a file named in the
-    settings does not exist.
+    Marker labels, the marker layout and the contact mesh are written next to it. ``frames`` is a range to solve again.
+    Raises ``MocapError`` if the folder cannot be written, or if a file named in the settings does not exist.
     """
     settings, capture = scene.mocap.solve, scene.mocap.capture if of is None else of
     person = capture.person_index if person is None else person
@@ -86,7 +86,7 @@ def _take_folder(scene: bpy.types.Scene, capture: bpy.types.PropertyGroup, sourc
 
 
 def portable_job(job: JobFile, folder: Path) -> JobFile:
-    """Return a job whose paths are relative to its folder where possible, so that the folder can be moved."""
+    """Return a job with paths relative to its folder where possible, so that the folder can be moved."""
 
     def portable(path: Path | None) -> Any:
         return path and Path(portable_path(path, folder))
@@ -106,7 +106,7 @@ def capture_file(capture: bpy.types.PropertyGroup) -> Path:
 
 
 def write_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
-    """Write which bones the user assigned to which markers. Return the file, or None if there are none."""
+    """Write the bones that the user assigned to markers. Return the file, or None without assignments."""
     places = {item.name: item.place for item in capture.marker_items if item.place is not None}
     values = {"format": "manifold_mocap_labels", "version": 1, "places": places}
     return _write(path, values) if places else None
@@ -120,7 +120,7 @@ def _write_labels(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
 def _write_mesh(
     scene: bpy.types.Scene, chosen: bpy.types.Object, armature: bpy.types.Object | None, motion: Path
 ) -> Path:
-    """Write an object as shown in the viewport, in metres relative to the body, and return its OBJ file.
+    """Write a contact mesh, as shown in the viewport, to an OBJ file in metres relative to the body.
 
     Raises ``JobInvalid`` if the object is hidden in the viewport, has no faces, or moves.
     """
@@ -179,7 +179,7 @@ def _write(path: Path, values: dict[str, Any]) -> Path:
 
 
 def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path | None:
-    """Return the file named in a property, or None if the property is empty. A missing file is an error."""
+    """Return the file that a property names, or None if it is empty. Raise ``TakeMissing`` for a lost file."""
     if not getattr(settings, name):
         return None
     path, label = file_of(getattr(settings, name)), settings.bl_rna.properties[name].name

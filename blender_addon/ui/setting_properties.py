@@ -1,4 +1,4 @@
-"""Create Blender properties from the rows that declare settings, and from plain annotations."""
+"""Create Blender properties from the solver's setting declarations and from plain annotations."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .translation import CONTEXT
 
 DEFAULTS = defaults_of_class(SolveSettings)
 ROWS = {name: row for name, row in settings_of_class(SolveSettings).items() if row.in_panel}
-"""Solver settings that become properties. Sliders, cameras and markers supply the other settings."""
+"""Solver settings that become properties. The other settings come from sliders, cameras and markers."""
 READING_ROWS = {name: row for name, row in ALL_READING_ROWS.items() if row.in_panel}
-"""Reading settings whose property needs nothing but their row."""
+"""Reading settings that become properties without further declarations."""
 CHOSEN_BY_PRESETS = tuple(name for name, row in ROWS.items() if row.group == METHOD)
 """Settings that the user can change only while the preset is Custom."""
 _PLAIN = {
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 else:
 
     class Items:
-        """The class that replaces ``Items`` at run time.
+        """Replacement for ``Items`` at run time.
 
         ``typing`` caches generics, and a cached Blender class makes the interpreter hang.
         """
@@ -62,7 +62,7 @@ else:
 
 
 class PropertyRow(NamedTuple):
-    """A setting that only the add-on has, written as the annotation of its property."""
+    """Declaration of a setting that only the add-on has, used as a property's annotation."""
 
     setting: Setting
     default: Any
@@ -74,24 +74,24 @@ def _row(kind: Kind, label: str, description: str, default: Any, more: dict[str,
 
 
 def switch(label: str, description: str, *, on: bool = False, **more: Any) -> PropertyRow:
-    """Return the row of an on/off setting."""
+    """Declare an on/off setting."""
     return _row("switch", label, description, on, more)
 
 
 def text(label: str, description: str, default: str = "", **more: Any) -> PropertyRow:
-    """Return the row of a text setting."""
+    """Declare a text setting."""
     return _row("text", label, description, default, more)
 
 
 def path(label: str, description: str, *, folder: bool = False, **more: Any) -> PropertyRow:
-    """Return the row of a file or folder setting."""
+    """Declare a file or folder setting."""
     return _row("file", label, description, "", more, metavar=FOLDER if folder else "")
 
 
 def number(
     label: str, description: str, default: float, low: float, high: float, unit: str = "", **more: Any
 ) -> PropertyRow:
-    """Return the row of a number within limits. The number is an integer if its default is."""
+    """Declare a number within limits. It is a whole number if its default is an integer."""
     kind = "whole" if isinstance(default, int) else "number"
     shown: dict[str, Any] = {"unit": unit} if unit else {}
     if unit == "m":
@@ -100,13 +100,13 @@ def number(
 
 
 def choice(label: str, description: str, choices: str | Sequence[Any], default: str = "", **more: Any) -> PropertyRow:
-    """Return the row of a setting with choices (or their name in ``choices.txt``). The first is the default."""
+    """Declare a setting with choices, given directly or by name in ``choices.txt``. The first is the default."""
     items = _choices(choices)
     return _row("choice", label, description, default or items[0].value, more, choices=items)
 
 
 def flags(label: str, description: str, choices: str | Sequence[Any], *chosen: str, **more: Any) -> PropertyRow:
-    """Return the row of a setting that allows several choices at once. ``chosen`` are enabled by default."""
+    """Declare a setting that allows several choices at once. ``chosen`` are enabled by default."""
     return _row("texts", label, description, chosen, more, choices=_choices(choices))
 
 
@@ -124,9 +124,9 @@ def items_of(name: str) -> tuple[tuple[str, str, str], ...]:
 
 
 def prepare(cls: Any) -> Any:
-    """Prepare a class for registration: create its properties and set our translation context.
+    """Prepare a class for registration: create its properties and set the add-on's translation context.
 
-    Annotations become properties, including those that a mixin defines. A ``PropertyRow`` becomes a labelled property.
+    Annotations of the class and its mixins become properties. A ``PropertyRow`` becomes a labelled property.
     An annotation such as ``frames: int = 1`` becomes a property without a label, which operators hide.
     """
     if issubclass(cls, bpy.types.Operator | bpy.types.Panel | bpy.types.Menu):
@@ -164,24 +164,24 @@ def _property(cls: Any, name: str, hint: Any, hidden: dict[str, Any]) -> Any:
 
 
 def properties_of(rows: Mapping[str, Setting], defaults: Mapping[str, Any], **more: Any) -> Any:
-    """Return a mixin with one property per setting. Further arguments apply to each property."""
+    """Return a mixin with one Blender property per setting. ``more`` applies to each property."""
     made = {name: _make_property(row, defaults[name], **more) for name, row in rows.items()}
     return type("SettingProperties", (), {"__annotations__": made})
 
 
 def names_of(group: str) -> tuple[str, ...]:
-    """Return the settings in a group that have a property."""
+    """Return the names of a group's solver settings that have a property."""
     return tuple(name for name, row in ROWS.items() if row.group == group)
 
 
 def listed(name: str, items: Any) -> Any:
-    """Return a reading setting's property with a list of choices."""
+    """Return the Blender property of a reading setting, with these choices in its menu."""
     row = ALL_READING_ROWS[name]
     return bpy.props.EnumProperty(name=row.label, description=row.description, items=items, translation_context=CONTEXT)
 
 
 def _make_property(row: Setting, default: Any, **more: Any) -> Any:
-    """Return the property for a setting, with further arguments. Empty text and 0 mean that no value is set."""
+    """Return the Blender property for a setting. Empty text and 0 mean that the user has not set a value."""
     words: dict[str, Any] = {"name": row.label, "description": row.description, "translation_context": CONTEXT} | more
     if row.kind == "switch":
         return bpy.props.BoolProperty(**words, default=default)
@@ -213,7 +213,7 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
 
 
 def reset_unknown(group: Any) -> None:
-    """Reset choices that an opened file contains but this version does not have."""
+    """Reset menu choices in an opened file that this version does not have."""
     for name, prop in group.bl_rna.properties.items()[1:]:  # The first one is the type.
         if prop.type == "ENUM" and prop.enum_items_static and not prop.is_enum_flag and not getattr(group, name):
             group.property_unset(name)

@@ -1,4 +1,4 @@
-"""Translate labels into German in our own translation context.
+"""Translate the add-on's labels into German, in a separate translation context.
 
 Sentences and tooltips stay in English.
 """
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 
-CONTEXT = "Manifold MoCap"  # Translation context of all our texts.
+CONTEXT = "Manifold MoCap"  # Translation context of all the add-on's texts.
 _GERMAN = Path(__file__).with_name("german.txt")
 """One label per line: English = German. The file is not JSON, because reading JSON would load another module."""
 _LANGUAGES = ("de_DE", "de")  # Blender's locale names for German. They differ between releases.

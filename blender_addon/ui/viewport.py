@@ -23,14 +23,14 @@ GOOD, SUSPECT, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5,
 """Colours of cameras, by how they are used."""
 _WIDTH_PX, _CONTROL_PX = 2.0, 1.5
 _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
-"""Image corners that each drawn edge connects, in pairs."""
+"""Image corners that the drawn edges connect, as pairs in one list."""
 _OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Gap that keeps the skin from hiding its colours, in metres, and their opacity.
 _AMBIENT = 0.4  # Brightness of skin seen edge-on (0 to 1). It makes the body's shape visible.
 _BAND_PX = 5.0  # Height of a band on the timeline in pixels.
 
 
 def draw_names() -> None:
-    """Draw the marker names. Unknown names are orange."""
+    """Draw the markers' names in the viewport. Unknown names are orange."""
     for capture in bpy.context.scene.mocap.captures:
         if capture.show_names and capture.cloud is not None and capture.cloud.visible_get():
             _draw_names(bpy.context, capture)
@@ -49,7 +49,7 @@ def _draw_names(context: bpy.types.Context, capture: bpy.types.PropertyGroup) ->
 
 
 def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str, tuple[float, float]]:
-    """Return each marker's position in the region in the current frame, in pixels, by label."""
+    """Return each marker's position in the viewport in pixels, keyed by its label."""
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
 
@@ -64,7 +64,7 @@ def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str
 
 
 def colour_markers(scene: bpy.types.Scene) -> None:
-    """Colour the markers by their distance from the take, or in their plain colour."""
+    """Colour the markers by their distance from the solved body, or all in one colour."""
     capture, take = scene.mocap.capture, scene.mocap.review.take
     if capture.cloud is None:
         return
@@ -101,7 +101,7 @@ def _draw_cameras() -> None:
 
 
 def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Object, tuple[float, ...]]]:
-    """Yield the cameras to outline and their colours. The scene's camera is left out."""
+    """Yield each visible camera to outline, except the scene's camera, with its colour."""
     for capture in context.scene.mocap.captures:
         for item in capture.cameras if capture.show_agreement else ():
             camera = item.object
@@ -110,14 +110,14 @@ def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Objec
 
 
 def shade_of(capture: bpy.types.PropertyGroup, item: bpy.types.PropertyGroup) -> tuple[float, ...]:
-    """Return a camera's colour: unused, suspect (after a problem or check) or good."""
+    """Return the outline colour of a camera: unused, suspect (named in a problem) or good."""
     if not item.use:
         return UNUSED
     return SUSPECT if item.name in capture.suspect_cameras else GOOD
 
 
 def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:
-    """Return the end points of a camera's lines in world coordinates."""
+    """Return the line end points of a camera's pyramid in world coordinates, in pairs."""
     corners = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=scene)]
     place = camera.matrix_world.translation
     return [corners[i] for i in _EDGES] + [end for corner in corners for end in (place, corner)]
@@ -285,7 +285,7 @@ def colour_bones(scene: bpy.types.Scene) -> None:
 
 @persistent
 def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
-    """Colour the bones before the new frame is evaluated, so that one evaluation is enough."""
+    """Colour bones before Blender evaluates the new frame, so that it needs only one evaluation."""
     colours = any(review.colours for capture in scene.mocap.captures for review in capture.reviews)
     if colours and not bpy.app.is_job_running("RENDER"):
         colour_bones(scene)

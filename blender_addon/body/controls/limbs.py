@@ -1,4 +1,4 @@
-"""Name the bones and switches of the four IK limbs, and the finger controls."""
+"""Names of the bones and switches of the four IK limbs, and of the finger controls."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Limb:
     control: str  # The hand or foot control to move and rotate.
     pole: str  # The bone towards which the elbow or knee points.
     solved: tuple[str, str]  # The hidden upper and lower bones that Blender's IK poses.
-    reach: str  # Hidden bone whose tail is at the limb's end in every shape. IK moves it to the control.
+    reach: str  # Hidden bone that ends at the limb's end in every shape. IK moves it to the control.
     turns: tuple[str, str]  # Bones that the joints follow. They add the twist that a hinge cannot make.
     keyed: tuple[str, ...]  # The bones that have keys in IK mode.
     switch: str  # Custom property of the root bone: 0 means FK, 1 means IK.
@@ -69,7 +69,7 @@ def has_limbs(armature: bpy.types.Object | None) -> bool:
 
 
 def limb_of(switch: str) -> Limb:
-    """Return the limb that a switch property belongs to."""
+    """Return the limb of an IK switch, given the switch's property name."""
     return next(limb for limb in LIMBS if limb.switch == switch)
 
 
@@ -81,7 +81,7 @@ def show_limb(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None
 
 
 def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
-    """Show a limb's bones for the mode that another take uses. Bones that the user hid stay hidden."""
+    """Show a limb's bones for the mode that another take uses, unless the user hid these bones."""
     unfit = armature.data.collections_all.get(limb.joint_collection if from_end else limb.collection)
     if unfit is not None and unfit.is_visible:
         show_limb(armature, limb, from_end=from_end)
@@ -89,7 +89,7 @@ def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> No
 
 COLLECTION = "Finger Controls"  # Bone collection of the finger controls.
 NAMES = ("Curl", "Spread", "Fist", "Fan")
-"""Names of the constraints through which finger joints follow the finger control and the hand control."""
+"""Names of the constraints that make finger joints follow the finger control and the hand control."""
 
 
 def finger_control(side: str, finger: str) -> str:

@@ -27,11 +27,11 @@ _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot"
 _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 0.9), "wrist": (0.0, 1.0)}
 """Section of the bone, as fractions of its length, where the skin is measured. By default it is the middle 30 %."""
 _ROOT_SIZE, _POLE_SIZE_M, _TURN_SCALE = 0.18, 0.025, 1.25
-"""Root size as a fraction of arm span, pole size in metres, and size of turn rings relative to joint rings."""
+"""Root size as a fraction of arm span, pole size in metres, and size of twist rings relative to joint rings."""
 _ABOVE_M = 0.022  # Height of the finger controls above the back of the hand, in metres.
 _MIDDLE = (0.35, 0.65)
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
-"""Bones whose rings enclose the skin of the entire trunk."""
+"""Bones with rings around the skin of the entire trunk."""
 
 
 def add_control_shapes(
@@ -97,7 +97,7 @@ def show_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.nda
 
 
 def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarray]:
-    """Return the line end points (2 E, 3) of all visible custom shapes, by bone colour."""
+    """Return the end points (2 E, 3) of the E lines in all visible custom shapes, by bone colour."""
     lines: dict[str, np.ndarray] = {}
     found: dict[tuple[float, ...], list[np.ndarray]] = {}
     for bone in armature.pose.bones:

@@ -18,7 +18,7 @@ _REACH = 0.15
 _POLE_DISTANCE = 1.0  # Distance between a pole and its joint, relative to the length of the upper bone.
 _POLE_SIZE = 0.1
 _AHEAD = {"arm": np.array([0.0, 1.0, 0.0]), "leg": np.array([0.0, -1.0, 0.0])}
-"""Directions in which elbows (backward) and knees (forward) point at rest."""
+"""Directions of elbows (backward) and knees (forward) at rest."""
 
 
 def add_root(data: bpy.types.Armature) -> bpy.types.EditBone:
@@ -97,7 +97,7 @@ def _add_solver(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> N
 
 
 def _pole_angle(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> float:
-    """Return the angle around the upper bone from the pole direction at rest to the bone's X axis, in radians."""
+    """Return the IK pole angle in radians: around the upper bone, from the pole direction to the bone's X axis."""
     bone = armature.data.bones[limb.solved[0]]
     axes = np.array(bone.matrix_local.to_3x3(), np.float64)
     head, end = (layout.heads[JOINTS.index(joint)] for joint in (limb.joints[0], limb.joints[2]))
@@ -143,7 +143,7 @@ def add_finger_controls(data: bpy.types.Armature) -> None:
 
 
 def wire_finger_controls(armature: bpy.types.Object) -> None:
-    """Add the constraints through which finger joints follow their controls."""
+    """Add the constraints that make finger joints follow their controls."""
     bones = armature.pose.bones
     for name in CONTROLS:
         bone = bones[name]

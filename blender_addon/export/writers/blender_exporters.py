@@ -32,7 +32,7 @@ _DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS, errno.EACCES)
 def run_exporter(
     operator: Any, path: Path, settings: dict[str, Any], newer_settings: dict[str, Any] | None = None
 ) -> None:
-    """Call an exporter. Older Blender versions do not get ``newer_settings``."""
+    """Run one of Blender's exporters. ``newer_settings`` are used only if this Blender version knows them."""
     try:
         known = {prop.identifier for prop in operator.get_rna_type().properties}
     except KeyError as error:

@@ -32,7 +32,7 @@ def export_vrma(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def as_vrm_animation(content: bytes) -> bytes:
-    """Convert binary glTF that contains our skeleton to a VRM Animation.
+    """Convert binary glTF with the add-on's skeleton to a VRM Animation.
 
     Only the rest pose of the nodes changes. The animation does not depend on it.
     """

@@ -1,4 +1,4 @@
-"""Send a batch's captures to the engine, and retry failed ones."""
+"""Send the captures of a batch to an engine, and retry takes that failed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WAIT_S = 0.5  # Seconds to wait for finished takes in each loop. Chosen by hand
 def dispatch(
     work: Work, source: Listed | Watched, engine: Engine, progress: Progress, ended: Callable[[TakeRecord, bool], None]
 ) -> None:
-    """Process all takes from a source, and pass each record to ``ended``."""
+    """Process all takes from a source, and pass each record to ``ended`` with True if it was finished before."""
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0
     while True:

@@ -1,4 +1,4 @@
-"""Record of a take: its inputs and the outcome of each step.
+"""Record of a batch's take: its inputs and the outcome of each step.
 
 A step is done if its key is in the record and its files exist. Keys depend on the inputs, settings and version.
 """
@@ -25,7 +25,7 @@ FIGURES = ("frames", "reprojection_median_px", "marker_median_mm", "unsure_frame
 
 
 class StepRecord(TypedDict):
-    """A finished step."""
+    """Record of a finished step: its key, outputs, notes and duration."""
 
     key: str  # Hash of the step's inputs.
     outputs: list[str]  # File names in the take's folder.
@@ -34,7 +34,7 @@ class StepRecord(TypedDict):
 
 
 class Attempt(TypedDict):
-    """One attempt at a step."""
+    """Record of one attempt at a step of a take."""
 
     step: str
     worker: str
@@ -43,7 +43,7 @@ class Attempt(TypedDict):
 
 
 class Failure(TypedDict):
-    """Reason for the failure of a take."""
+    """Error that made a take fail, as stored in its record."""
 
     event: NotRequired[str]
     code: str
@@ -54,7 +54,7 @@ class Failure(TypedDict):
 
 
 class StepMade(TypedDict):
-    """Result of a step, for the record."""
+    """Result of a step, to add to the take's record."""
 
     outputs: list[str]  # File names in the take's folder.
     notes: list[str]
@@ -99,7 +99,7 @@ def begun_record(take: str, capture: Path) -> TakeRecord:
 
 
 def failure_of(error: MocapError) -> Failure:
-    """Convert an error to the form used in records."""
+    """Convert an error to the form that a take's record stores."""
     return {**error.as_event(), "exit_code": error.exit_code}
 
 
@@ -118,7 +118,7 @@ _RECORD: dict[str, Form] = dict.fromkeys(("take", "capture", "status"), "text") 
     "seconds?": "number",
     **dict.fromkeys(("outputs?", "notes?", "people?"), _TEXTS),
 }
-"""Fields that a record needs in order to be usable."""
+"""Form of the fields that every valid record has."""
 
 
 def read_record(folder: Path) -> TakeRecord | None:

@@ -1,4 +1,4 @@
-"""Request of a batch: its captures, settings, limits and workers."""
+"""A request to process a batch: its captures, settings, limits and workers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class TakeLimits:
     memory_mb: float | None = None  # Resident memory of the solver process in megabytes.
 
     def require_possible(self) -> None:
-        """Check that this system supports the limits.
+        """Check that this system can measure memory, if there is a memory limit.
 
         Raises:
             BatchInvalid: this system cannot report the memory of a process.
@@ -39,7 +39,7 @@ class TakeLimits:
 
 
 class TakeWatch:
-    """Checks the processes of one take against its limits."""
+    """Compares the processes of one take with its time and memory limits."""
 
     def __init__(self, limits: TakeLimits) -> None:
         self._limits, self._start = limits, time.monotonic()
@@ -62,7 +62,7 @@ _MARKERS_ALONE = (".c3d", ".trc")  # Suffixes of marker recordings. Other tables
 
 @dataclass(frozen=True)
 class BatchRequest:
-    """Settings for processing every capture in a folder."""
+    """Settings of a batch, which solves every capture in a folder."""
 
     captures: Path  # A session, or a folder of captures (``.npz`` files, marker recordings and subfolders).
     out: Path  # Folder for the results. It gets a folder per take and the summary.
@@ -93,7 +93,7 @@ class BatchRequest:
 
 @dataclass(frozen=True)
 class Spread:
-    """The workers of a batch, and when the batch ends."""
+    """Settings that distribute a batch over workers, and that define when the batch ends."""
 
     scheduler: str = ""  # Address of a Dask scheduler, or the path of its file, or "" for none.
     workers: int = 0  # Takes processed in parallel on this machine, or 0 for one after another in this process.
@@ -126,7 +126,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
 
 
 def captures_in(request: BatchRequest) -> list[Path]:
-    """Return the folder's captures sorted by name, or none if the folder cannot be read.
+    """Return the folder's captures sorted by name, or [] if the folder is not readable.
 
     A folder is a session if it contains settings or a calibration for its trials, or nested folders. A session's
     captures are its trials and its marker recordings.
@@ -154,7 +154,7 @@ def _is_of_a_session(path: Path) -> bool:
 
 
 def _shared(path: Path | None) -> dict[str, Any]:
-    """Return the contents of the job file that applies to the whole batch."""
+    """Read and check the job file that applies to all takes of a batch."""
     if path is None:
         return {}
     try:
@@ -184,7 +184,7 @@ def _not_valid(why: str, path: Path) -> BatchInvalid:
 
 
 class Listed:
-    """Items that are known from the start."""
+    """A source of captures or shots that are all known from the start."""
 
     closed = True
 
@@ -197,17 +197,17 @@ class Listed:
         return found
 
     def notes(self) -> list[str]:
-        """Return no notes, because no item is skipped."""
+        """Return []. A list skips no items, so it has no notes."""
         return []
 
 
 class Watched:
-    """Captures that arrive in a folder. Each is returned once it has settled.
+    """A source of captures that arrive in a folder. A capture is returned once its files no longer change.
 
-    Two captures with the same name are one take. Only the first is processed, and the other is reported.
+    If two captures have the same name, only the first is processed, and the other is reported.
 
     Args:
-        settled_s: seconds for which a capture's file names, sizes and times must not change, by this machine's clock.
+        settled_s: a capture is complete if its file names, sizes and times do not change for this many seconds.
         idle_s: seconds to wait for more captures, or None to wait for ever.
         poll_s: seconds between two scans of the folder.
     """

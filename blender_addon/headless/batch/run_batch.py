@@ -1,7 +1,7 @@
 """``batch``: solve every capture in a folder and write a summary.
 
-A failure does not stop the other takes. A restarted batch processes only takes that are missing, or whose inputs,
-settings or version differ from their records.
+A failure does not stop the other takes. A restarted batch processes only takes without a valid record: their inputs,
+settings or version have changed, or they are new.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ class Results:
 
     @property
     def outputs(self) -> list[str]:
-        """Paths of the summary files."""
+        """Paths of the summary's JSON, text and HTML files."""
         return [str(self._out / f"{SUMMARY}{suffix}") for suffix in (".json", ".txt", ".html")]
 
     @contextmanager
     def made_by(self, engine: Engine) -> Iterator[None]:
-        """Name the engine on the summary page, even after the engine has ended."""
+        """Within a ``with`` block, name the engine in the summary, and remember its description afterwards."""
         self._engine = engine
         try:
             yield
@@ -68,11 +68,11 @@ class Results:
             self.write()
 
     def ordered(self) -> list[TakeRecord]:
-        """Return the takes, worst first."""
+        """Return the records of all takes, worst first."""
         return worst_first(list(self._takes.values()))
 
     def write(self) -> None:
-        """Write the summary if there are takes."""
+        """Write the summary files, unless there are no takes yet."""
         if not self._takes:
             return
         begun, ordered = time.monotonic(), self.ordered()

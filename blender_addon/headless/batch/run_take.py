@@ -64,7 +64,8 @@ def recalled(work: Work, capture: Path) -> TakeRecord | None:
 def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker: str = "", **place: Any) -> TakeRecord:
     """Process one step of a take, unless it is finished or not requested. Return the take's record.
 
-    Several workers may run the same step at once. Complete outputs get their final names, and the record comes last.
+    Several workers may run the same step at once. Outputs get their final names when they are complete, and the record
+    is written last.
 
     Args:
         worker: name of the worker, for the record.
@@ -112,7 +113,7 @@ def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "fa
 
 
 def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRecord:
-    """Complete a take's record with the valid parts of the record in its folder."""
+    """Add the valid parts of the record in a take's folder to a new record."""
     known = read_record(folder)
     if known is None and not is_free(folder):
         message = "The take's folder contains files that no batch wrote."

@@ -23,7 +23,7 @@ _DONE = {FILM: "shot.json", COLOUR: "rgb.json"}
 
 @dataclass(frozen=True)
 class Shots:
-    """Shots of one description. The solver has reserved their folder."""
+    """The shots of a data set. The solver has already created the data set's folder."""
 
     description: Path  # JSON file.
     data_set: Path  # Folder of the data set.
@@ -39,7 +39,7 @@ class Shots:
         return self.data_set / RECORDS
 
     def item(self, name: str) -> Path:
-        """Return the output folder of a shot."""
+        """Return the output folder of a shot, given its name."""
         return self.data_set / SHOTS / name
 
     def sees(self, item: Path) -> bool:
@@ -47,7 +47,7 @@ class Shots:
         return self.description.is_file() and self.data_set.is_dir()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the steps of a shot. Each key depends on the shot's description and name and on VERSION."""
+        """Return the steps of a shot. Keys depend on the description, the shot's name and the program's version."""
         choices = {"description": self.digest}
         return tuple(
             Step(name, hashlib.sha256(json.dumps([choices, item.name, name, VERSION]).encode()).hexdigest())
@@ -70,17 +70,17 @@ class Shots:
 
     @classmethod
     def from_plain(cls, values: Plain) -> Shots:
-        """Recreate the work from its ``plain`` values."""
+        """Recreate the shots' settings from the JSON values of ``plain``."""
         return from_plain(cls, values, limits=TakeLimits(**values["limits"]))
 
 
 def digest_of(description: Path) -> str:
-    """Return the SHA-256 of a description's bytes."""
+    """Return the SHA-256 digest of a data set's description file."""
     return hashlib.sha256(description.read_bytes()).hexdigest()
 
 
 def require_all(records: list[TakeRecord], data_set: Path) -> None:
-    """Raise ``ShotsMissing`` with the first reasons if any shot is missing."""
+    """Raise ``ShotsMissing`` if a shot failed. The message contains the first three reasons."""
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:
         reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)

@@ -41,7 +41,7 @@ def table(takes: Sequence[TakeRecord]) -> str:
 
 
 def cells(take: TakeRecord) -> tuple[str, ...]:
-    """Return a take's row in the table."""
+    """Return the texts of a take's row in the summary table (see ``HEAD``)."""
     solved: Mapping[str, Any] = take.get("solve") or {}
     frames, unsure, bridged = (_cell(solved.get(key)) for key in ("frames", "unsure_frames", "unseen_frames"))
     unit = next((unit for key, unit in _RESIDUALS.items() if solved.get(key) is not None), "")
@@ -78,9 +78,9 @@ _TALL_M = 2.0
 
 
 def thumbnail(motion: Path) -> str:
-    """Return an SVG that shows the body at five times, or "" if the motion file is unreadable.
+    """Return an SVG with the body's poses at five times side by side, or "" if the motion file is unreadable.
 
-    The figures stand side by side. They are seen along their narrowest horizontal direction.
+    The viewing direction is the horizontal direction of the figures' smallest extent.
     """
     try:
         joints = np.asarray(read_arrays(motion, required=("joints",))["joints"], dtype=np.float64)

@@ -22,7 +22,7 @@ from .work import Place, Plain, Step, from_plain, to_plain
 
 @dataclass(frozen=True)
 class Takes:
-    """The takes of a batch. Each step of a take has a key."""
+    """The takes of a batch, their steps, and the settings that all takes share."""
 
     request: BatchRequest
     choices: dict[str, Any]
@@ -31,7 +31,7 @@ class Takes:
 
     @property
     def out(self) -> Path:
-        """Folder for the results."""
+        """Folder for the results of the batch."""
         return self.request.out
 
     @property
@@ -44,7 +44,7 @@ class Takes:
         return item.exists()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the requested steps of a capture and their keys."""
+        """Return the requested steps of a capture in order, with their keys."""
         request, choices = self.request, self.choices
         solve = fingerprint(item, {name: choices[name] for name in ("settings", "python")})
         wanted = {
@@ -58,7 +58,7 @@ class Takes:
         return Step("solve", solve), *others
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Process one step. Return the names of its outputs, its notes and its figures."""
+        """Process one step of a take. Return the names of its outputs, its notes and its figures."""
         if step == "solve":
             return _solve(self.request, self.choices["settings"], item, place)
         outputs, notes, shared = list[str](), list[str](), {"overwrite": True, "body": self.request.body}
@@ -81,7 +81,7 @@ class Takes:
 
     @classmethod
     def from_plain(cls, values: Plain) -> Takes:
-        """Recreate the work from its ``plain`` values."""
+        """Recreate the batch's settings from the JSON values of ``plain``."""
         request = values["request"]
         return cls(from_plain(BatchRequest, request, limits=TakeLimits(**request["limits"])), values["choices"])
 
@@ -122,7 +122,6 @@ def _in_blender(verb: str, values: dict[str, Any], place: Place) -> CommandResul
 
 
 def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
-    """Write the cleaned markers of a marker take, and return the file paths."""
     record = read_record(place.folder)
     paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
     if record is None or "solve" not in record or record["solve"].get("marker_median_mm") is None:

@@ -1,4 +1,4 @@
-"""Define items of work that have several steps and a record in their own folder."""
+"""Interface of a batch's work: items (takes or shots) with several steps and a record in their own folder."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from .request import TakeLimits
 
 Plain = dict[str, Any]
-"""Work as plain values for another process or machine. ``plain`` writes them and ``from_plain`` reads them."""
+"""Work as JSON values for another process or machine. ``plain`` writes them and ``from_plain`` reads them."""
 
 
 def to_plain(value: Any) -> Plain:
-    """Convert a data class to plain values with absolute paths."""
+    """Convert a data class to JSON values. Relative paths become absolute, except the path of a Python."""
     found = {item.name: getattr(value, item.name) for item in fields(value)}
     whole = {k: v.resolve() if isinstance(v, Path) and k != "python" else v for k, v in found.items()}
     return as_plain(whole)
@@ -38,7 +38,7 @@ def from_plain(cls: Any, values: Plain, **others: Any) -> Any:
 
 @dataclass(frozen=True)
 class Step:
-    """One step in processing an item."""
+    """One step in the processing of a take or shot."""
 
     name: str  # Name of the step, such as solve, bake or film.
     key: str  # Hash of the step's inputs.
@@ -46,9 +46,9 @@ class Step:
 
 @dataclass(frozen=True)
 class Place:
-    """Where and how a step runs."""
+    """The folder and the callbacks for a step, and the processes that it may use."""
 
-    folder: Path  # Folder that holds the item's record.
+    folder: Path  # Folder that contains the item's record.
     progress: Progress  # Receives the progress in each stage.
     stopped: Callable[[], MocapError | None] = lambda: None  # Called regularly. A returned error ends the step.
     in_child: bool = False  # Run Blender in a separate process. Parallel steps need this.
@@ -56,18 +56,18 @@ class Place:
 
 
 class Work(Protocol):
-    """Items of one kind, with their steps and all settings. Instances are immutable."""
+    """Takes or shots to process, with their steps and all settings. Instances are immutable."""
 
     kind: ClassVar[str]  # Name of the kind in ``plain`` and in progress texts.
 
     @property
     def out(self) -> Path:
-        """Folder that contains the records."""
+        """Folder with a subfolder and a record for each item."""
         ...
 
     @property
     def limits(self) -> TakeLimits:
-        """Limits of the solver for each item."""
+        """Time and memory limits of the solver for each item."""
         ...
 
     def sees(self, item: Path) -> bool:
@@ -83,7 +83,7 @@ class Work(Protocol):
         ...
 
     def plain(self) -> Plain:
-        """Return plain values for another process or machine, including ``kind``."""
+        """Return the work as JSON values for another process or machine, including ``kind``."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Define an actor's motion, and a rig as a tree of controls, both in stage coordinates.
+"""Describe an actor's motion, and a rig as a tree of controls, both in stage coordinates.
 
 Stage coordinates are in metres with Z up. At rest the soles are at z = 0, and the figure faces -Y with left = +X.
 """
@@ -21,7 +21,7 @@ _SPINE = (3, 6, 9)  # SMPL's trunk joints from the pelvis up.
 
 
 def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
-    """Return the body part of each of our (V,) vertices, given its dominant joint (V,). "" means none."""
+    """Return the body part (V,) of each vertex, given the joint (V,) with its largest weight. "" means none."""
     columns, role_at = layout.standing_for(SMPL), {joint: role for role, joint in JOINT_OF.items()}
     parts = [""] * layout.num_joints
     for joint, column in enumerate(columns):
@@ -30,12 +30,12 @@ def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
 
 
 def by_part(points: np.ndarray, parts: np.ndarray) -> dict[str, np.ndarray]:
-    """Group (V, 3) points by their (V,) body part. Points that belong to no part are left out."""
+    """Group (V, 3) points by their (V,) body part. Points without a part are omitted."""
     return {str(part): points[parts == part] for part in np.unique(parts) if part}
 
 
 def part_of_role(role: str) -> str:
-    """Return the body part around a role's bone, or "" for parts that hands do not stay in contact with."""
+    """Return the body part of a role's bone, or "" for bones that hands cannot be in contact with."""
     side, _, part = role.partition("_")
     if role in ("pelvis", "head"):
         return "head" if role == "head" else "trunk"
@@ -51,7 +51,7 @@ _AT_REST = 0.005
 
 @dataclass(frozen=True)
 class Trunk:
-    """The K bones of a trunk, from pelvis to chest."""
+    """Heights and rotations of a figure's K trunk bones, from pelvis to chest."""
 
     heights: np.ndarray  # (K,) heights of the bones' midpoints at rest, from 0 at the hips to 1 at the neck.
     turns: np.ndarray  # (K, F, 3, 3) rotations from rest.
@@ -59,17 +59,17 @@ class Trunk:
 
 @dataclass(frozen=True)
 class Hand:
-    """The B finger bones of a hand."""
+    """Rest directions and bends of a hand's B finger bones."""
 
     roles: tuple[str, ...]
-    directions: np.ndarray  # (B, 3) directions at rest, in the axes of our body's rest.
+    directions: np.ndarray  # (B, 3) directions at rest, in the rest axes of the add-on's body.
     bends: np.ndarray  # (B, F, 3, 3) rotation of each bone from rest, in the hand's axes: ``D_hand^T D``.
-    starts: np.ndarray  # (B, 3) vectors in metres from wrist to bone heads at rest, in the axes of our body's rest.
+    starts: np.ndarray  # (B, 3) vectors in metres from wrist to bone heads at rest, in the same axes.
 
 
 @dataclass(frozen=True)
 class Actor:
-    """Motion of our body, or of another figure after conversion to our joints."""
+    """Motion of the add-on's body, or of another figure after conversion to SMPL's joints."""
 
     name: str
     rest: np.ndarray  # (24, 3) joints at rest.
@@ -77,20 +77,20 @@ class Actor:
     joints: np.ndarray  # (F, 24, 3) joint positions, with the floor at z = 0.
     fps: float
     contacts: np.ndarray | None = None  # (F, 2) bool: contacts of the left and right foot.
-    trunk: Trunk | None = None  # Trunk of a figure whose trunk bones differ from our body's, or None.
+    trunk: Trunk | None = None  # Trunk of a figure with other trunk bones than SMPL's, or None.
     hands: tuple[Hand, ...] = ()  # Hands whose fingers the motion includes.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
     """(V, 3) skin points at rest for each body part in metres, empty if unknown."""
 
     @property
     def num_frames(self) -> int:
-        """Number of frames."""
+        """Number F of frames."""
         return len(self.joints)
 
 
 @dataclass(frozen=True)
 class Target:
-    """The N controls of a rig that have roles. Each control comes after its carriers."""
+    """The N controls of a rig that have roles, sorted so that carriers precede the controls they move."""
 
     names: tuple[str, ...]
     roles: tuple[str, ...]
@@ -107,13 +107,13 @@ class Target:
     """(V, 3) skin points in the rest pose for each body part in metres, empty if unknown."""
 
     def index(self, role: str) -> int:
-        """Return the index of a role's control, or -1."""
+        """Return the index of the control with a role, or -1 if there is none."""
         return self.roles.index(role) if role in self.roles else -1
 
 
 @dataclass(frozen=True)
 class BodyAtRest:
-    """Our body at rest, in a given shape."""
+    """The add-on's body at rest, in a given shape."""
 
     layout: BodyLayout
     joints: np.ndarray  # (J, 3) in the body's axes.
@@ -122,7 +122,7 @@ class BodyAtRest:
 
 
 def body_at_rest(body: BodyFile, betas: np.ndarray) -> BodyAtRest:
-    """Return a body at rest in a (10,) shape."""
+    """Return the rest joints and the skin of a body in a (10,) shape."""
     rest, skin = body.rest_joints(betas), body.shaped(betas) @ R_ARMATURE_BODY.T
     sole = np.array([0.0, 0.0, skin[:, 2].min()])
     return BodyAtRest(body.layout, rest, rest @ R_ARMATURE_BODY.T - sole, skin - sole)
@@ -154,7 +154,7 @@ def actor_of_poses(
 
 
 def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still: bool = False) -> tuple[Hand, ...]:
-    """Return our body's hands from rest positions and (F, J, 3, 3) rotations."""
+    """Return the hands of the add-on's body, given rest positions and (F, J, 3, 3) rotations."""
     index = {joint: j for j, joint in enumerate(layout.joints)}
     hands = []
     for side in SIDES:
@@ -173,7 +173,7 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still:
     return tuple(hands)
 
 
-_BALL_BEFORE_ANKLE = 1.5  # Distance from ankle to ball, relative to the ankle's height, as in our body.
+_BALL_BEFORE_ANKLE = 1.5  # Distance from ankle to ball, relative to the ankle's height (add-on's body).
 
 
 def foot_ball(target: Target, foot: int) -> np.ndarray:

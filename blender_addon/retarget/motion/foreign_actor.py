@@ -1,4 +1,4 @@
-"""Convert a rig's motion to our joints, on a person who has the rig's proportions."""
+"""Convert a rig's motion to SMPL's joints, on a person with the rig's proportions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _BONES = tuple(
     for side in SIDES
     for start, end in pairwise(limb)
 )
-"""Leg and arm bones. Every figure has them."""
+"""Leg and arm bones as pairs of joint numbers. Every figure has them."""
 _STANDING = 0.05  # Largest height of a planted foot's ball above its rest height, relative to the leg length.
 _ANKLES, _BALLS, _LOWEST_SHARE = [7, 8], [10, 11], 5.0  # Joint numbers, and percentile of ball heights at the floor.
 _UPRIGHT = 0.8  # Smallest height of the hip above a loaded ankle, relative to the leg. A seated person has 0.5.
@@ -29,10 +29,10 @@ _UPRIGHT = 0.8  # Smallest height of the hip above a loaded ankle, relative to t
 def actor_of_bones(
     name: str, rest: Target, A: np.ndarray, turns: np.ndarray, places: np.ndarray, own_rest: np.ndarray, fps: float
 ) -> Actor:
-    """Convert the motion of a rig's bones, whose heads are ``places``, to an actor with our joints.
+    """Convert the motion of a rig's bones to an actor with SMPL's joints. ``places`` are the bone heads.
 
     If a bone has rotation D_c from rest and map pose A_c, the joint's rotation is ``D_c A_c^T``. A rig with the same
-    rest pose then plays D_c again. Missing joints are placed as in our body, scaled by the leg length.
+    rest pose then plays D_c again. Missing joints are placed as in the add-on's body, scaled by the leg length.
     """
     index = {role: c for c, role in enumerate(rest.roles)}
     own = {role: turns[c] @ A[c].T for role, c in index.items()}
@@ -76,7 +76,7 @@ def _joint_turns(own: dict[str, np.ndarray], frames: int) -> np.ndarray:
 
 
 def _joints(known: dict[int, np.ndarray], G: np.ndarray, own_rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the joint positions (F, 24, 3), and the positions (24, 3) that they have without any rotation."""
+    """Return the joint positions (F, 24, 3), and the positions (24, 3) of the same joints without rotation."""
     size = _size(known, own_rest)
     start = next(joint for joint in (1, 2, 16, 17, 15, *known) if joint in known)
     hips = [joint for joint in _HIPS if joint in known] or [start]
@@ -108,10 +108,10 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
 
 
 def find_low_feet(rest: np.ndarray, joints: np.ndarray, contacts: np.ndarray | None = None) -> np.ndarray:
-    """Return an (F, 2) mask of the frames in which each foot is on the floor.
+    """Return an (F, 2) mask of the frames with the left and right foot on the floor.
 
-    The ball of such a foot is about as low as at rest, or as low as the lower foot of an upright figure. If (F, 2)
-    contacts from the solve are given, only frame ranges that include a contact are returned.
+    The ball of a foot on the floor is about as low as at rest, or as low as the lower foot of an upright figure. With
+    (F, 2) contacts from the solve, only frame ranges that include a contact are returned.
     """
     leg, heights = leg_m(rest), joints[:, _BALLS, 2]
     lower = heights.argmin(axis=1, keepdims=True)

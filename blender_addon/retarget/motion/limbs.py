@@ -18,7 +18,7 @@ from ..._exchange.stands import SPEED_M_S, standing_runs, steps
 from .figures import Actor, Hand, Target, Trunk, foot_ball
 
 _BALL_AFTER_ANKLE = 3  # SMPL joint number of the foot joint (the ball) minus that of the ankle.
-_PERSON_LEG_M = 0.81  # Distance from hip to ankle of our body. Limits in metres scale with the leg length.
+_PERSON_LEG_M = 0.81  # Distance from hip to ankle of the add-on's body. Limits in metres scale with the leg length.
 _SLIDE_M = 0.03  # Largest distance between a planted foot and its median position, in metres.
 _TURN_DEG = 11.0  # Largest angle between a planted foot and its mean direction. It moves an ankle that far too.
 _SLOWER = 1.25 * 0.8 ** np.arange(8)
@@ -28,22 +28,22 @@ _EASE_S = 0.15  # Time in which a foot returns from a contact to its original pa
 
 @dataclass(frozen=True)
 class FootPath:
-    """Path of one of the target's feet."""
+    """Path of one of the target's feet over F frames."""
 
     role: str
     sole: np.ndarray  # (F, 3) point on the floor below the ball of the planted foot.
     turns: np.ndarray  # (F, 3, 3) rotation of the foot from rest.
     own: np.ndarray  # (3,) vector from the sole point to the ankle at rest.
-    size: float = 1.0  # Leg length of the scaled actor relative to our body's.
+    size: float = 1.0  # Leg length of the scaled actor relative to the add-on's body.
 
     @property
     def ankle(self) -> np.ndarray:
-        """(F, 3) ankle positions in metres."""
+        """Ankle positions (F, 3) in metres."""
         return self.sole + self.turns @ self.own
 
 
 def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) -> list[FootPath]:
-    """Return the path of each of the target's feet.
+    """Compute the path of each of the target's feet from the actor's.
 
     The sole point under the ball follows the actor's sole point, scaled. Heel and ankle keep the target's distances
     from this point, so that planted and rolling feet do not slide.
@@ -68,14 +68,14 @@ def leg_m(rest: np.ndarray) -> float:
 
 
 def steadied(path: FootPath, low: np.ndarray, fps: float) -> FootPath:
-    """Return a path that is constant while the foot is planted and eases in and out.
+    """Fix a foot's path while the foot is planted, and blend with the original path before and after.
 
     The ball of the foot keeps its median position. A flat foot also keeps its mean direction, so that its ankle does
     not move. A foot that slides by more than 3 cm at a person's size, or rotates by more than 11 degrees, is fixed only
-    in the frames in which it moves more slowly.
+    while it moves more slowly.
 
     Args:
-        low: (F,) mask of the frames in which the foot is at floor height.
+        low: (F,) mask of the frames with the foot at floor height.
     """
 
     def to_median(first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +128,7 @@ _SPINE, _HIPS = SMPL.numbers("pelvis", "spine1", "spine2", "spine3"), SMPL.both(
 
 
 def trunk_of(actor: Actor) -> Trunk:
-    """Return the trunk of an actor that has our joints: the pelvis and three spine joints."""
+    """Return the trunk of an actor with SMPL's joints: the pelvis and three spine joints."""
     hips = actor.rest[list(_HIPS)].mean(0)
     points = actor.rest[[*_SPINE, _NECK]]
     heights = _heights((points[:-1] + points[1:]) / 2, hips, actor.rest[_NECK])
@@ -174,7 +174,7 @@ def turn_at(trunk: Trunk, height: float) -> np.ndarray:
 
 
 def between(R0: np.ndarray, R1: np.ndarray, share: float) -> np.ndarray:
-    """Return ``R0 exp(w log(R0^T R1))``, where w is ``share``."""
+    """Interpolate between two rotations: ``R0 exp(w log(R0^T R1))``, where w is ``share``."""
     return R0 @ matrix_from_rotvec(share * rotvec_from_matrix(R0.swapaxes(-1, -2) @ R1))
 
 
@@ -206,7 +206,7 @@ _BONES = 4  # Largest number of bones in a finger: three, and one more in the pa
 
 
 def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
-    """Return a rig's hands in the rest axes of our body.
+    """Return a rig's hands in the rest axes of the add-on's body.
 
     A bend is ``A D_hand^T D A^T``, with rotations D of the finger and D_hand of the hand, and the hand's map pose A.
     """
@@ -222,10 +222,10 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
 
 
 def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray) -> None:
-    """Set a rig's finger rotations to the actor's, in place. The hands must already be set.
+    """Bend a rig's fingers as the actor's, by changing ``turns`` in place. The hands must already be set.
 
-    B is the actor's bend, and S is the smallest rotation to the direction of the actor's finger at rest. A thumb at the
-    same place as its hand, as in MotionBuilder clips, has no direction and only bends.
+    A finger's rotation combines the actor's bend B with S, the smallest rotation to the direction of the actor's finger
+    at rest. A thumb at the same place as its hand, as in MotionBuilder clips, has no direction and only bends.
     """
     for hand in actor.hands:
         control = target.index(f"{hand.roles[0].partition('_')[0]}_hand")

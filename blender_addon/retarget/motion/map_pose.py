@@ -1,7 +1,7 @@
-"""Compute the map pose: the rotation of each rig bone from its rest to our body's rest pose.
+"""Compute the map pose: the rotation of each rig bone from its rest to the rest pose of the add-on's body.
 
-Bones are compared by anatomy and not by their axes: by the direction of a limb, and by the direction in which its hinge
-bends. Trunk and head keep their posture unless they lean, feet stay flat, and hands follow the forearm. Limb lengths
+Bones are compared by anatomy and not by their axes: by the direction of a limb, and by the bending direction of its
+hinge. Trunk and head keep their posture unless they lean, feet remain flat, and hands follow the forearm. Limb lengths
 determine the scale.
 """
 
@@ -24,7 +24,10 @@ LEANS_DEG = 20.0
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[float, ...]]) -> np.ndarray:
-    """Return rotations ``M_actor M_target^T``, shape (N, 3, 3). The ``given`` quaternions take precedence."""
+    """Return each control's rotation (N, 3, 3) from the rig's rest to the actor's rest: ``M_actor M_target^T``.
+
+    M are frames along each bone. Quaternions in ``given`` (by bone name) take precedence.
+    """
     A = np.broadcast_to(np.eye(3), (len(target.names), 3, 3)).copy()
     _straighten(A, target)
     for limb, roles in LIMBS.items():
@@ -127,17 +130,20 @@ class Proportions:
     trunk: float  # Midpoint of the hips to midpoint of the shoulders.
 
     def describe(self) -> str:
-        """Return the lengths as one line of text."""
+        """Return a text with the known ratios, such as "legs 0.980, arms 1.020"."""
         return ", ".join(f"{name} {value:.3f}" for name, value in vars(self).items() if np.isfinite(value))
 
 
 def measure_proportions(actor: Actor, target: Target) -> Proportions:
-    """Return the lengths of a rig's limbs and trunk, relative to the actor's. Both sides are combined."""
+    """Return the lengths of a rig's limbs and trunk relative to the actor's, with both sides combined."""
     return Proportions(_limbs(actor, target, "leg"), _limbs(actor, target, "arm"), _trunk(actor, target))
 
 
 def scale_of(proportions: Proportions) -> float:
-    """Return the ratio of the legs if it is plausible, or else the median of the other ratios."""
+    """Return a rig's size relative to the actor: the ratio of the legs, or else the median of the other ratios.
+
+    Raises ``TargetUnsuitable`` if no ratio is plausible.
+    """
     known = [value for value in vars(proportions).values() if np.isfinite(value)]
     if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
         hint = "One of the two may use another unit. Set the scale of the armature."

@@ -34,12 +34,12 @@ class HandPlace:
 
     @property
     def role(self) -> str:
-        """Role of the hand bone."""
+        """Role of the hand that this point belongs to."""
         return f"{self.side}_hand"
 
     @property
     def is_palm(self) -> bool:
-        """True if this is the palm centre."""
+        """True for the palm centre, False for a fingertip."""
         return self.name == PALM
 
 
@@ -112,7 +112,7 @@ fingertip and a palm centre, and for two palms, which may be rotated and shifted
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return wrist positions that bring together the points that touch on the actor.
+    """Return wrist positions (F, 3) by role, with hands in contact on the target if they are on the actor.
 
     Each hand moves by half of the mean gap between the touching pairs. The correction fades out as the contact ends.
     """
@@ -132,7 +132,7 @@ def keep_hands_together(
 
 
 def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
-    """Return the degree (F,) to which two points touch, and the vector (F, 3) that would bring them together."""
+    """Return how much two points touch (F,), from 0 to 1, and the vector (F, 3) that brings them together."""
     size, own_size = (left.size + right.size) / 2, (left.own_size + right.own_size) / 2
     palms = int(left.is_palm) + int(right.is_palm)
     between = left.place - right.place
@@ -141,7 +141,7 @@ def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
 
 
 CHEST, BASE, TOP = "chest", "base", "top"
-"""Further points of the trunk: the top spine bone, the midpoint of the hips, and the end of the trunk."""
+"""Further points on the trunk's centre line: the top spine bone, the midpoint of the hips, and the neck."""
 _SHARES, _ANGLES = 8, 12  # Table cells along the line and around it. The cells of a thigh are about 5 cm wide.
 _OUTER = 0.75  # Quantile of a cell's distances that serves as its radius. It ignores stray hairs.
 _LEAST_FILLED = 0.4  # Smallest fraction of cells that must contain skin.
@@ -189,7 +189,7 @@ class Solid:
         return x[..., 0] / self.length, np.arctan2(x[..., 2], x[..., 1]), np.hypot(x[..., 1], x[..., 2])
 
     def place(self, share: np.ndarray, angle: np.ndarray, distance: np.ndarray) -> np.ndarray:
-        """Return the (F, 3) points with these coordinates."""
+        """Convert a position along the line, an angle and a distance back to points (F, 3)."""
         x = np.stack([share * self.length, distance * np.cos(angle), distance * np.sin(angle)], axis=-1)
         return self.origin + x @ self.axes.T
 
@@ -305,7 +305,7 @@ def keep_hands_on_body(
 
 
 def _kept_on(actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Return the degree (F,) to which a hand touches a part, and its position (F, 3) on the target's part."""
+    """Return how much a hand touches a body part (F,), from 0 to 1, and its place (F, 3) on the target's part."""
     joint, (low, high) = _joint_of(name), PARTS[name].span
     inner = np.swapaxes(actor.turns[:, joint], -1, -2) @ (place.place - actor.joints[:, joint])[..., None]
     share, angle, distance = own.coordinates(inner[..., 0])

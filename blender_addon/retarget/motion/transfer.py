@@ -23,19 +23,19 @@ from .touch import keep_hands_on_body, keep_hands_together
 
 @dataclass(frozen=True)
 class TransferSettings:
-    """Settings of a transfer."""
+    """Settings for the transfer of a motion to a rig."""
 
     in_place: bool = False  # Remove the travel over the ground.
     root_motion: bool = False  # Transfer the travel over the ground and the heading to the root bone.
     hold_contacts: bool = True
     """Lock planted feet, and keep hands in contact with the body and with each other."""
     scale: float = 0.0
-    """Length of travel and steps relative to the actor's. 0 uses the ratio of the legs, which must be plausible."""
+    """Scale of travel and steps relative to the actor. 0 uses the ratio of the leg lengths, if it is plausible."""
 
 
 @dataclass(frozen=True)
 class Transferred:
-    """Motion of the N controls of a rig over F frames."""
+    """Result of a transfer: the motion of a rig's N controls over F frames."""
 
     turns: np.ndarray  # (N, F, 3, 3) rotations from the rest pose, on the stage.
     places: np.ndarray  # (N, F, 3) bone heads, on the stage.
@@ -45,7 +45,7 @@ class Transferred:
     beyond_m: float = 0.0  # Largest distance in metres by which a touching point was out of the arm's reach.
 
     def missed_m(self, target: Target) -> float:
-        """Return the largest distance in metres between a planned hand or foot and its goal."""
+        """Return the largest distance in metres between a hand or foot of this motion and its goal."""
         off = [self.places[target.index(role)] - goal for role, goal in self.goals.items()]
         return float(np.linalg.norm(off, axis=-1).max()) if off else 0.0
 
@@ -182,7 +182,7 @@ def within_arms(
     goals: dict[str, np.ndarray],
     touching: dict[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], float]:
-    """Limit the goals of touching hands to the arm's reach. Return them and the largest reduction in metres."""
+    """Limit the wrist goals (F, 3) of touching hands to the arm's reach. Also return the largest cut in metres."""
     kept, beyond = dict(touching), 0.0
     for side in SIDES:
         *_, hand = roles = LIMBS[f"{side}_arm"]

@@ -1,1 +1,1 @@
-"""Operators. Each reads properties, calls one function and reports its result."""
+"""Operators of the buttons and menus. Each reads its settings, calls one function and reports the result."""

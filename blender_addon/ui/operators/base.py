@@ -1,4 +1,4 @@
-"""Define the conditions, undo steps, solver runs and file choosers that operators share."""
+"""Base classes of the operators: conditions, undo steps, solver runs and file choosers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ else:
     Operator = FileHandler = object  # Blender's own classes are added as a second base of each class
 
 UNDOABLE, INTERNAL, OPENS, PRESETS = {"REGISTER", "UNDO"}, {"INTERNAL"}, {"REGISTER"}, {"PRESET"}
-"""Sets of ``bl_options``."""
+"""Values of ``bl_options``: with undo, hidden from the search menu, without undo, and with saved presets."""
 _INTERVAL_S = 0.1
 _REDRAW_S = 1.0
 """Minimum seconds between two redraws of the progress, because slow drawing takes time from the solver."""
@@ -93,26 +93,26 @@ class MocapOperator(Operator):
             return {"CANCELLED"}
 
     def work(self, context: bpy.types.Context) -> Answer:
-        """Do the work. If it raises a ``MocapError``, the error is reported."""
+        """Change the scene and return a message. A raised ``MocapError`` is shown to the user."""
         raise NotImplementedError
 
     def answer(self, found: Answer) -> set[str]:
-        """Report a message as information and return the set that Blender expects."""
+        """Report a returned message, and return the status set that Blender expects."""
         return found if isinstance(found, set) else self.finish(found or "")
 
     def finish(self, message: str = "", *, warn: Any = False) -> set[str]:
-        """Report a message and return ``FINISHED``."""
+        """Report a message, as a warning if ``warn`` is true, and return Blender's ``FINISHED`` status."""
         if message:
             self.report({"WARNING"} if warn else {"INFO"}, message)
         return {"FINISHED"}
 
     def tell(self, *messages: str, kind: str = "INFO") -> None:
-        """Report messages."""
+        """Show messages in Blender's status bar and info log."""
         for message in messages:
             self.report({kind}, message)
 
     def give_up(self, message: str, kind: str = "WARNING") -> set[str]:
-        """Report a reason and return ``CANCELLED``."""
+        """Report why the operator does nothing, and return Blender's ``CANCELLED`` status."""
         self.report({kind}, message)
         return {"CANCELLED"}
 
@@ -158,7 +158,7 @@ class ViewportDrop(FileHandler):
 
 
 def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
-    """Return a mixin with the properties of Blender's file browser.
+    """Return a mixin with the properties that Blender's file browser fills in.
 
     With ``several``, the user can choose several files or a folder, or drop files.
     """
@@ -186,25 +186,25 @@ def is_chosen(operator: bpy.types.Operator) -> bool:
 
 
 class Current:
-    """The active run and the last run. There is at most one of each."""
+    """The solver run that is active, and the one that ended last. There is at most one of each."""
 
     def __init__(self) -> None:
         self.run: Run | None = None
         self.last: Run | None = None
         self.about: tuple[str, str] = ("", "")
-        """Scene and capture file of the last run. The result is shown there."""
+        """Scene and capture file of the last run. Only their panels show its result."""
 
     @property
     def busy(self) -> bool:
-        """True while a run is active."""
+        """True while a solver run is active."""
         return self.run is not None
 
     def finish(self) -> None:
-        """Make the active run the last one."""
+        """Move the active run to ``last``, so that panels show its result."""
         self.run, self.last, following.solver_reads = None, self.run, False
 
     def lose(self, scene: bpy.types.Scene, error: MocapError) -> None:
-        """Kill the run, and store the reason for the scene that started it."""
+        """Kill the active run, and store the error for the scene that started it."""
         if self.run is not None:
             self.run.process.kill()
             self.run.error = error.as_event()
@@ -234,7 +234,7 @@ def _subject(scene: bpy.types.Scene) -> tuple[str, str]:
 
 @persistent
 def after_load(*_: object) -> None:
-    """Forget the previous file's runs, and reset choices that this version does not have."""
+    """Forget the previous file's runs, and reset menu choices that this version does not have."""
     for scene in bpy.data.scenes:
         reset_unknown(scene.mocap)
     current.abandon()
@@ -242,11 +242,11 @@ def after_load(*_: object) -> None:
 
 
 class Call(NamedTuple):
-    """Command line of a run."""
+    """A command that an operator starts, with the folder it runs in."""
 
     verb: str
     words: Sequence[str]
-    folder: Path  # Working folder, which also holds the log.
+    folder: Path  # Working folder, which also contains the log.
     through_blender: bool = False  # True to run a verb of the add-on's command line in a second Blender.
     of_capture: bool = True  # True if the result belongs to the capture that was current at the start of the run.
     watch: Callable[[], None] = lambda: None  # Function to call regularly during the run.
@@ -254,18 +254,18 @@ class Call(NamedTuple):
 
 
 Steps = Generator["Call | Run", Any, Answer]
-"""Steps of an operator. They yield a run, receive its result or a ``RunFailed``, and return the answer.
+"""Generator that an operator runs: it yields a command, receives the result, and returns a message.
 
-After a failure, the returned text says which parts of the run were finished.
+If the command fails, the generator receives a ``RunFailed`` and returns which parts were finished.
 """
 
 
 class RunFailed(Exception):
-    """The run that an operator waits for failed."""
+    """Signal to an operator's ``steps`` that the command they wait for has failed."""
 
 
 def options(**values: Any) -> list[str]:
-    """Return command-line options for all values except those that are None, False or empty."""
+    """Return each keyword argument as a command-line option, except None, False and empty values."""
     given = {f"--{name.replace('_', '-')}": value for name, value in values.items() if value not in (None, False, "")}
     return [word for name, value in given.items() for word in ([name] if value is True else [name, str(value)])]
 
@@ -275,9 +275,9 @@ SHORT = 600
 
 
 def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -> bool:
-    """Return whether work on objects runs in this process instead of in a second Blender.
+    """Return whether to edit objects in this Blender instead of a second one.
 
-    It does if the work is short, if there is no window, if a run is active, or if the objects depend on this file.
+    This is the case for short takes, without a window, during another run, or if the objects depend on this file.
     """
     from ...scene.session import needs_this_file
 
@@ -285,7 +285,7 @@ def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -
 
 
 class SolverOperator(MocapOperator):
-    """Mixin for modal operators whose ``steps`` wait for a run while Blender stays usable.
+    """Mixin for modal operators. Their ``steps`` wait for a run while the user can work in Blender.
 
     Escape is passed on to Blender, so only the Cancel button ends a run.
     """
@@ -295,7 +295,7 @@ class SolverOperator(MocapOperator):
     _watch = staticmethod(lambda: None)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Yield the run, then bring its result into the scene. If this raises a ``MocapError``, it is reported."""
+        """Yield a command, then add its result to the scene. A raised ``MocapError`` is shown to the user."""
         raise NotImplementedError
 
     def work(self, context: bpy.types.Context) -> Answer:
@@ -324,7 +324,7 @@ class SolverOperator(MocapOperator):
         return self.follow(context, start_verb(call.verb, words, call.folder))
 
     def launch(self, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
-        """Start the solver and follow its run."""
+        """Start the solver, and follow its run."""
         from ...solving.run import start
 
         return self.follow(context, start(verb, arguments, chosen_python(context), folder))
@@ -366,7 +366,7 @@ class SolverOperator(MocapOperator):
         self._stop(context)
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
-        """Import the result into the scene that started the run, even if the window now shows another scene."""
+        """Import the result into the scene that started the run, which the window may no longer show."""
         scene, shown, window = bpy.data.scenes.get(self._scene), context.scene, context.window
         elsewhere = window if scene is not None and scene != shown else None
         if elsewhere is not None:
@@ -400,7 +400,7 @@ class SolverOperator(MocapOperator):
         return {"CANCELLED"}
 
     def resume(self, result: Any) -> Answer:
-        """Pass a result or a ``RunFailed`` on to the steps, and return their answer."""
+        """Pass a result or a ``RunFailed`` to the waiting steps, and return their message."""
         try:
             self._steps.throw(result) if isinstance(result, RunFailed) else self._steps.send(result)
         except StopIteration as end:
@@ -433,7 +433,7 @@ def dismiss(self: Any, context: bpy.types.Context) -> None:
 
 
 def _show(context: bpy.types.Context, status: str | None) -> None:
-    """Redraw the sidebars. Write a line into the status bar, or clear the bar if the line is None."""
+    """Redraw the sidebars, and show a text in the status bar (None clears it)."""
     for window in context.window_manager.windows if not bpy.app.background else ():
         window.workspace.status_text_set(status)
     redraw("UI")

@@ -1,4 +1,4 @@
-"""Correct a capture: its cameras, calibration and labels, and problems found by diagnostics."""
+"""Operators that correct a capture: its cameras, calibration, marker labels and reported problems."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _in_viewport(context: bpy.types.Context) -> bool:
 
 @operator("Leave Out Range", index=int)
 def leave_out_range(self: Any, context: bpy.types.Context) -> None:
-    """Leave this camera out of the range set under Fix a Range."""
+    """Ignore this camera in the frame range set under Fix a Range."""
     settings = context.scene.mocap
     item = settings.capture.left_out.add()
     item.name = settings.capture.cameras[self.index].name
@@ -43,7 +43,7 @@ def leave_out_range(self: Any, context: bpy.types.Context) -> None:
 
 @operator("Use Range Again", index=int)
 def use_range(self: Any, context: bpy.types.Context) -> None:
-    """Use the camera in these frames again."""
+    """Use this camera in these frames again."""
     context.scene.mocap.capture.left_out.remove(self.index)
 
 
@@ -68,7 +68,7 @@ def check_cameras(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Refine Calibration", CAMERAS)
 def refine_cameras(self: Any, context: bpy.types.Context) -> Steps:
-    """Refine the camera calibration using the people in the images, before you solve again."""
+    """Correct the camera calibration with the detected people, if Check Calibration finds a problem."""
     from ..scene_job import capture_file, folder_of_takes
 
     source = capture_file(context.scene.mocap.capture)
@@ -87,7 +87,7 @@ def refine_cameras(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Restore Calibration", _REFINED)
 def restore_cameras(self: Any, context: bpy.types.Context) -> Steps:
-    """Restore the recording's own calibration."""
+    """Undo Refine Calibration, and use the recording's own calibration again."""
     source = file_of(context.scene.mocap.capture.original)
     copy = options(out=source.with_name("capture_restored.npz"), overwrite=True)
     result: CaptureResult = yield Call("convert", [str(source), *copy], source.parent)
@@ -141,7 +141,7 @@ def show_capture(self: Any, context: bpy.types.Context) -> None:
 
 
 def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> None:
-    """Show the detections of one camera and draw the floor as a wireframe, or show the detections of all cameras."""
+    """Show one camera's detections over a wireframe floor, or all detections if ``camera`` is None."""
     capture = scene.mocap.capture
     for item in capture.cameras:
         if item.detections is not None:
@@ -190,7 +190,7 @@ def _pick(context: bpy.types.Context, event: bpy.types.Event) -> bool:
 def choose_nearest(
     capture: bpy.types.PropertyGroup, places: dict[str, tuple[float, float]], x: float, y: float
 ) -> bool:
-    """Select the point nearest to a position in the region. Return False if none is within reach."""
+    """Select the marker nearest to a click at (x, y) in pixels. Return False if none is close enough."""
     apart = {label: ((px - x) ** 2 + (py - y) ** 2) ** 0.5 for label, (px, py) in places.items()}
     label = min(apart, key=lambda name: apart[name], default=None)
     if label is None or apart[label] > _REACH_PX:
@@ -201,7 +201,7 @@ def choose_nearest(
 
 @operator("Label Point", MARKERS, _SHOWN)
 def label_point(self: Any, context: bpy.types.Context) -> set[str] | None:
-    """Label the selected point in this frame, so that the next solve labels the recording around it."""
+    """Give the selected point this name here, and let the next solve name it in the frames around."""
     from ...scene.overlay import marker_positions, played_row
 
     capture = context.scene.mocap.capture
@@ -221,7 +221,7 @@ def label_point(self: Any, context: bpy.types.Context) -> set[str] | None:
 
 @operator("Remove Label", index=int)
 def remove_point_label(self: Any, context: bpy.types.Context) -> None:
-    """Remove the label from this point."""
+    """Remove your label, so that the solver names this point itself."""
     labels = context.scene.mocap.capture.point_labels
     if 0 <= self.index < len(labels):
         labels.remove(self.index)
@@ -270,7 +270,7 @@ def _group_of(context: bpy.types.Context, option: str) -> bpy.types.PropertyGrou
 
 @dataclass(frozen=True)
 class Fix:
-    """A button that resolves a diagnostic."""
+    """A button that resolves a reported problem."""
 
     operator: str  # ``bl_idname`` of the operator.
     text: str
@@ -323,7 +323,7 @@ def fix_of(found: Diagnostic) -> Fix | None:
 
 
 def reading_fixes(error: ErrorEvent) -> tuple[Fix, ...]:
-    """Return the fixes offered when a reading fails."""
+    """Return the buttons to offer when a capture cannot be read because its frame counts differ."""
     if error.get("code") != "frame_count_mismatch":
         return ()
     trim = (_again("Cut to the Shortest", "trim", "on"),) if "--trim" in error["hint"] else ()

@@ -1,4 +1,4 @@
-"""Edit takes as clips, each with its own file, and mark takes and poses as assets."""
+"""Operators that save edited copies of a take (clips), and that mark takes and poses as assets."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ALONE = Need("A layer plays on top of this take. Bake it into the take, or push 
 
 
 def _add(context: bpy.types.Context, word: str, edit: Any, *, with_place: bool = False) -> str:
-    """Add an edited copy of the current take and return a message."""
+    """Add an edited copy of the current take, and return a message with its name and length."""
     from ...scene.clips import add_clip
 
     review = context.scene.mocap.review
@@ -51,9 +51,9 @@ def _ask_range(self: Any, context: bpy.types.Context, event: bpy.types.Event) ->
 
 
 _FIRST = number("First", "First scene frame to keep", 1, -1048574, 1048574)
-"""First scene frame, within Blender's limits."""
+"""First scene frame to keep. The limits are Blender's smallest and largest frame."""
 _LAST = number("Last", "Last scene frame to keep", 250, -1048574, 1048574)
-"""Last scene frame, within Blender's limits."""
+"""Last scene frame to keep. The limits are Blender's smallest and largest frame."""
 
 
 @operator("Trim", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=_ask_range, first=_FIRST, last=_LAST)
@@ -66,7 +66,7 @@ def trim_take(self: Any, context: bpy.types.Context) -> str:
 
 
 def range_of_take(take: bpy.types.Action, scene_range: Any) -> tuple[int, int]:
-    """Return a take's first and last frame within a range of scene frames, counted from 0.
+    """Convert a range of scene frames to the first and last frame of a take, counted from 0.
 
     Raises:
         MotionInvalid: the take has no frame in the range.
@@ -176,7 +176,7 @@ def resample_take(self: Any, context: bpy.types.Context) -> str:
 
 @operator("In Place", TAKE, EDITABLE, ALONE, options=_UNDO)
 def place_take(self: Any, context: bpy.types.Context) -> str:
-    """Add a take without the travel over the ground."""
+    """Add a take without the travel over the ground, such as a walk cycle on the spot."""
     from ..._exchange.clips import in_place
 
     return _add(context, "in place", in_place)
@@ -184,7 +184,7 @@ def place_take(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Root Motion", TAKE, EDITABLE, ALONE, options=_UNDO)
 def root_take(self: Any, context: bpy.types.Context) -> str:
-    """Add a take with its travel and heading on the root control."""
+    """Add a take that stores travel and heading on the root control, as game engines expect."""
     from ..._exchange.clips import root_motion
 
     return _add(context, "root motion", root_motion, with_place=True)

@@ -1,4 +1,4 @@
-"""Export a take and its markers to files, and send a take to another program during playback."""
+"""Operators that export takes and markers to files, and that stream a take during playback."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ENDINGS = ", ".join(f".{ending}" for ending in MARKER_FORMATS)
 
 
 class ChoosesOutput(ExportHelper):
-    """Mixin for operators whose file browser asks before it replaces a file."""
+    """Mixin for operators that write a file. The file browser asks before it replaces a file."""
 
     @property
     def filename_ext(self) -> str:
@@ -41,7 +41,7 @@ class ChoosesOutput(ExportHelper):
         return ExportHelper.invoke(self, context, event)
 
     def output(self) -> Path:
-        """Return the chosen path. Raise an error if it is relative and the .blend file is unsaved."""
+        """Return the chosen path. Raise ``OutputNotWritable`` for a // path if the .blend file is unsaved."""
         if self.filepath.startswith("//") and not bpy.data.filepath:
             message = "A path that starts with // needs a saved file."
             raise OutputNotWritable(message, where=self.filepath, hint="Save the file, or enter the full path.")
@@ -79,12 +79,12 @@ class MOCAP_OT_export_take(
         soft_max=240,
         **_UNSAVED,
     )
-    unit: choice("Unit", "Unit in which the file stores lengths", UNITS, **_UNSAVED)
-    up: choice("Up Axis", "Axis that points up in the receiving program", UP_AXES, **_UNSAVED)
+    unit: choice("Unit", "Length unit of the program that reads the file", UNITS, **_UNSAVED)
+    up: choice("Up Axis", "Axis that points up in the program that reads the file", UP_AXES, **_UNSAVED)
     root: choice("Root Motion", "Bone that receives the motion over the ground", ROOT_MOTIONS, **_UNSAVED)
     fingers: switch("Fingers", "Include the hand bones, if the body has any", on=True, **_UNSAVED)
     node: text("Object Name", "Name of the skeleton object (leave blank to use the armature's name)", **_UNSAVED)
-    skeleton: switch("Only Skeleton", "Leave out the skinned mesh")
+    skeleton: switch("Only Skeleton", "Write the bones without the skinned mesh")
     use_range: switch("Range", "Write only the frames from First to Last")
     first: number("First", "First scene frame to write", 1, *_FRAMES)
     last: number("Last", "Last scene frame to write", 250, *_FRAMES)
@@ -115,7 +115,7 @@ class MOCAP_OT_export_take(
         return self.browse(context, event, name)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Export a file that contains only the body, in a second Blender or in this process."""
+        """Export only this armature, in a second Blender if possible."""
         from dataclasses import asdict, replace
         from tempfile import TemporaryDirectory
 
@@ -163,7 +163,7 @@ class MOCAP_OT_export_markers(
     needs = (_MARKER_TAKE, base.IDLE)
 
     format: choice("Format", "File type that the receiving program reads", _MARKER_FORMATS, "c3d")
-    contents: choice("Markers", "Source of the marker positions", "export_markers.contents")
+    contents: choice("Markers", "Recorded markers, or markers on the solved body", "export_markers.contents")
     overwrite: bool
 
     @property
@@ -183,13 +183,13 @@ class MOCAP_OT_export_markers(
 
 
 def draw_export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Draw the entries in File > Export."""
+    """Draw the add-on's entries in File > Export."""
     self.layout.operator(MOCAP_OT_export_take.bl_idname, text="Motion Capture Take")
     self.layout.operator(MOCAP_OT_export_markers.bl_idname, text=f"Motion Capture Markers ({_ENDINGS})")
 
 
 class CurrentSending:
-    """The sender that transmits a take from this Blender. There is at most one."""
+    """The network sender that streams a body's pose during playback. There is at most one."""
 
     def __init__(self) -> None:
         self.sender: TakeSender | None = None
@@ -208,7 +208,7 @@ class CurrentSending:
         self.message = message or self.message
 
     def stop(self, message: str = "") -> None:
-        """Stop sending."""
+        """Stop sending poses, and store a message for the panel."""
         if self.sender is not None:
             self.sender.close()
         self.sender, self.message = None, message
@@ -219,13 +219,13 @@ playing = CurrentSending()
 
 @bpy.app.handlers.persistent
 def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
-    """Send the pose of the new frame."""
+    """Send the body's pose after a frame change."""
     playing.on_frame(scene)
 
 
 @bpy.app.handlers.persistent
 def before_load(*_: object) -> None:
-    """Stop sending when another file is opened."""
+    """Stop sending poses when another file is opened."""
     playing.stop()
 
 

@@ -1,4 +1,4 @@
-"""Bring the solver's results into the scene: captures and takes."""
+"""Add the solver's results to the scene: captures and takes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _NAMED = ("known", "unknown", "computed", "doubled")
 
 
 def _take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
-    """Store the marker object, and the meaning and gaps of each label, from a ``convert`` result."""
+    """Store the marker object, and each label's meaning and gaps, from the result of a reading."""
     names = result.get("marker_names") or {}
     capture.markers = result["markers"] or 0
     capture.subjects = ", ".join(names.get("subjects", ()))
@@ -68,7 +68,7 @@ _HEIGHTS = 2.2  # Viewing distance from a body, in body heights.
 
 
 def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | None = None) -> CaptureStage:
-    """Set up a capture from a ``convert`` result and store its diagnostics."""
+    """Add the cameras, footage and markers of a capture that was read, and store its diagnostics."""
     file = read_capture(Path(result["capture"]))
     settings, path = scene.mocap, Path(result["capture"])
     refused: tuple[str, ...] = ()
@@ -124,7 +124,7 @@ def _existing(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy
 
 
 def bring_capture(context: bpy.types.Context, result: CaptureResult, source: Path) -> CaptureStage:
-    """Create a capture from a recording and show it."""
+    """Create a capture from the result of a reading, and show it in the viewport."""
     stage = take_capture(context.scene, result, source)
     context.scene.mocap.capture.source = stored(source)
     present_capture(context, stage)
@@ -176,10 +176,10 @@ def take_motion(
     result: SolveResult | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> bpy.types.Action:
-    """Add a solved motion to its person's body in the capture ``of``, or else in the current capture.
+    """Add a solved motion as a take to the body of its person, in the capture ``of`` or the current one.
 
-    ``again`` is a range that was solved again. All other frames keep their edits. ``result`` contains the take's error
-    and warnings. ``tell`` receives a sentence if one of the user's actions moves to the NLA.
+    ``again`` is the frame range that was solved again. All other frames keep the user's edits. ``result`` contains the
+    take's error and warnings. ``tell`` receives a sentence if one of the user's actions moves to the NLA.
     """
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
@@ -242,7 +242,7 @@ def add_motion(
     capture: Path | None = None,
     body: Path | None = None,
 ) -> BakedTake:
-    """Add the motion from a file to the scene, on a new body. In a new scene, select only this body."""
+    """Add a motion file to the scene on a new body. In an untouched scene, also select this body."""
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance), motion.body_layout)
     source = read_capture(capture) if capture else None
@@ -267,12 +267,12 @@ def add_motion(
 
 
 def takes_over(scene: bpy.types.Scene, setup: str) -> bool:
-    """Return whether a scene adopts the recording's set-up, as chosen by the user in ``SCENE_SETUP``."""
+    """Return whether a scene takes its frame rate and range from the recording (see ``SCENE_SETUP``)."""
     return setup == "TAKE" or (setup == "NEW" and is_untouched(scene))
 
 
 def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
-    """Return a sentence that describes the scene's set-up."""
+    """Return a sentence about the scene's frame rate and range after an import."""
     rate = f"{scene_frame_rate(scene):g} fps"
     if take_over:
         return f"The scene was set to {rate}, frames {scene.frame_start} to {scene.frame_end}"

@@ -1,4 +1,4 @@
-"""Import captures, and motions from files, other armatures and gloves, by panel, menu or drag and drop."""
+"""Operators that import captures, motion files, other armatures' motion and glove recordings."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from ...scene.bake import BakeSettings
 
 THROUGH_BLENDER = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")
-"""File types that are imported in a second Blender, so that the open file stays unchanged."""
+"""File types that a second Blender imports, so that the open file is not changed."""
 NETWORKS = (".pt", ".pth", ".pkl", ".pickle", ".joblib", ".npy", ".json")
-"""File types in which networks store the person that they estimated from one video."""
+"""File types of neural networks that estimate a person's motion from one video."""
 MOTIONS = (".npz", ".bvh", ".amc", ".asf", ".mvnx", ".c3d", *NETWORKS, *THROUGH_BLENDER)
 GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 
@@ -34,7 +34,7 @@ GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 def _bring(
     self: Any, context: bpy.types.Context, clip: Path, name: str, settings: Callable[[], BakeSettings], *more: str
 ) -> Steps:
-    """Fit a clip to our body, save the motion file ``name``, and bake the motion onto a new body."""
+    """Fit a clip to the add-on's body, save the motion file ``name``, and bake the motion onto a new body."""
     from ...scene.session import undisturbed
     from .import_results import add_motion, frame_body
 
@@ -53,11 +53,11 @@ def _bring(
 
 
 def remarks(result: Remarks) -> tuple[str, ...]:
-    """Return the problems and then the notes about a clip, without duplicates."""
+    """Return a clip's problems, then its notes, without duplicates."""
     return tuple(dict.fromkeys((*result.get("problems", ()), *result.get("notes", ()))))
 
 
-_ARMATURE = text("Armature", "Armature in an FBX, glTF or Blender file, if several are animated")
+_ARMATURE = text("Armature", "Name of the armature to import, if the file contains several animated ones")
 _TIMES = -1e6, 1e6
 """Limits for accepted times, in seconds."""
 
@@ -73,13 +73,13 @@ class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_fil
     capture_path: text("Capture", "Capture file of a solved motion, to add its cameras, footage and detections")
     body_path: text("Body", "Body file (leave blank to use the solve's body, or the neutral one)")
     armature: _ARMATURE
-    clip: text("Action", "Action in an FBX, glTF or Blender file (leave blank to use the active one)")
+    clip: text("Action", "Name of the action to import, if the file contains several (leave blank for the active one)")
     keep_height: switch("Keep Height", "Keep the height of a clip instead of placing it on the floor")
     scene_setup: SCENE_SETUP
     floor: switch("Floor", "Add a floor with one-metre tiles", on=True)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Bake a motion in our format immediately. Fit any other clip to the body first."""
+        """Bake a motion file of this product immediately. Fit any other clip to the body first."""
         from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
         from .import_results import takes_over
@@ -110,13 +110,13 @@ def _bake_motion(self: Any, context: bpy.types.Context, file: Path, settings: Ba
 
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Draw the entry in File > Import."""
+    """Draw the entry for motions in File > Import."""
     text = "Motion onto Body (.npz, .bvh, .amc, .fbx, .glb, .vrm, .vrma, .mvnx, .c3d)"
     self.layout.operator("mocap.import_motion", text=text)
 
 
 def foreign_actor(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Return the armature chosen as actor, or else the active armature, unless it is one of our bodies."""
+    """Return the chosen actor or the active armature, unless it is one of the add-on's bodies."""
     from ...retarget.rig_actor import is_actor
 
     settings = context.scene.mocap.retarget
@@ -152,7 +152,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, base.choose_file(G
     needs = (base.TAKE, base.IDLE)
 
     side: choice("Hand", "Side of the hand, if the file contains only one", "add_gloves.side")
-    states_offset: switch("Set the Start", "Enter the start of the gloves instead of estimating it from the wrists")
+    states_offset: switch("Set the Start", "Enter the start time instead of estimating it from the wrist motion")
     offset: number("Gloves Start At", "Time of the first glove frame in the take", 0.0, *_TIMES, unit="TIME_ABSOLUTE")
     armature: _ARMATURE
 
@@ -236,7 +236,7 @@ class MOCAP_OT_import_capture(
 
 @operator(
     "Try the Demo Capture",
-    kind=choice("Kind", "Keypoints from four cameras, or markers", "demo_capture.kind"),
+    kind=choice("Kind", "Data to create: keypoints from four cameras, or optical markers", "demo_capture.kind"),
 )
 def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
     """Create a synthetic capture of a moving person, to try the add-on without your own data."""
@@ -250,7 +250,7 @@ def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
 
 
 class MOCAP_FH_capture(base.ViewportDrop, bpy.types.FileHandler):
-    """Imports files dropped on the 3D viewport. A file stands for its folder."""
+    """Import a capture when one of its files is dropped on the 3D viewport."""
 
     bl_idname = "MOCAP_FH_capture"
     bl_label = "Motion capture"
@@ -259,5 +259,5 @@ class MOCAP_FH_capture(base.ViewportDrop, bpy.types.FileHandler):
 
 
 def draw_capture_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Draw the entry in File > Import."""
+    """Draw the entry for captures in File > Import."""
     self.layout.operator("mocap.import_capture", text="Motion Capture (.npz, .c3d, .trc, .csv, folder)")

@@ -1,4 +1,4 @@
-"""Run live sessions and the sensor array. Animate bodies, characters and faces from incoming points or poses."""
+"""Operators for live motion and the sensor array, which move a body, a character or a face."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _PANELS_S = 0.25  # Seconds between redraws of the panels, so that values stay r
 
 
 class CurrentLive:
-    """The live run in this Blender, and the objects that it moves. There is at most one run."""
+    """The live session in this Blender, and the objects that it moves. There is at most one."""
 
     def __init__(self) -> None:
         self.run: LiveRun | None = None
@@ -46,17 +46,17 @@ class CurrentLive:
         self.face: LiveFace | None = None
         self.character: LiveRig | None = None
         self.area = 0
-        """Address of the viewport that started the run, or 0 once the first pose has been framed there."""
+        """Pointer to the viewport that started the run, or 0 once this viewport has framed the first pose."""
         self.of_sensors = False
         """True if the current or last run belongs to the sensor array and not to the Live panel."""
         self._panels_drawn = 0.0
         self.failure = ""
         self.recorded = ""
-        """Path of the last run's recording, as the scene stores paths."""
+        """Path of the last recording, relative to the .blend file if possible."""
 
     @property
     def busy(self) -> bool:
-        """True while a run is active."""
+        """True while a live run is active."""
         return self.run is not None
 
     def begin(
@@ -71,7 +71,7 @@ class CurrentLive:
         own_face: bool = False,
         character: Callable[[BodyFile], LiveRig] | None = None,
     ) -> None:
-        """Show a run in a scene. Stop the run if the body or the rig cannot be created.
+        """Add the live body or character to a scene. Stop the run if this fails.
 
         ``fingers`` is True if the poses include fingers. With ``own_face``, the live body shows the received face.
         """
@@ -101,7 +101,7 @@ class CurrentLive:
             bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
 
     def tick(self) -> float | None:
-        """Show the latest pose. Return the seconds until the next poll, or None at the end of the run."""
+        """Show the latest pose. Return the seconds until the next call, or None if the run has ended."""
         run, figure = self.run, self.figure
         if run is None or figure is None:
             return None
@@ -131,7 +131,7 @@ class CurrentLive:
         return None if self.run is None else _INTERVAL_S
 
     def _frame(self, figure: LiveFigure) -> None:
-        """Frame the first pose in the viewport from which the run was started."""
+        """Frame the body's first pose in the viewport that started the run."""
         from .import_results import frame_body
 
         address, self.area = self.area, 0
@@ -176,7 +176,7 @@ live = CurrentLive()
 
 @bpy.app.handlers.persistent
 def before_load(*_: object) -> None:
-    """Kill the run when another file is opened."""
+    """Kill the live run when another file is opened."""
     live.abandon()
 
 
@@ -238,12 +238,12 @@ def _character(operator: MocapOperator, context: bpy.types.Context, body: BodyFi
 
 
 def _has_poses(scene: bpy.types.Scene) -> bool:
-    """Return whether the source provides poses, which may include fingers."""
+    """Return whether the live source provides poses instead of points. Poses may include fingers."""
     return scene.mocap.live.kind == "VMC" or replays_motion(scene)
 
 
 def replays_motion(scene: bpy.types.Scene) -> bool:
-    """Return whether the source is a motion file. Such a file defines its own body and is not recorded again."""
+    """Return whether the live source is a motion file, which has its own body and is not recorded again."""
     from ..._exchange.motion_file import is_motion
 
     source = _source_of(scene)
@@ -290,7 +290,7 @@ def _start(
     name: str = "live",
     **more: float,
 ) -> LiveRun:
-    """Start a live run. ``suffix`` is the file suffix of its recording, or None if nothing is recorded."""
+    """Start a live run that records to a file with this suffix, or does not record if it is None."""
     from ...solving.live import start_live
 
     folder = usable(files_folder(context.scene))
@@ -300,7 +300,7 @@ def _start(
 
 
 def _video(text: str) -> str:
-    """Return ``[NAME=]VIDEO`` with an absolute video path."""
+    """Return a camera argument ``[NAME=]VIDEO`` with an absolute video path."""
     name, equals, path = text.rpartition("=") if not absolute(text).exists() else ("", "", text)
     return f"{name}{equals}{absolute(path)}"
 

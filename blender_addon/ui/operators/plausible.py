@@ -1,4 +1,4 @@
-"""Make a frame range plausible with Pose-NDF: denoise it, complete a limb, or fill it in."""
+"""Operators that use the learned pose prior Pose-NDF to denoise, complete or fill a frame range."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _SHORTEST = 3  # Smallest number of frames in a range. At least one frame must l
 def _reposed(
     context: bpy.types.Context, word: str, words_of: Callable[[MotionFile], tuple[str, list[str]]], *, fades: bool
 ) -> Steps:
-    """Let the solver find poses for the range to review, and add them in a copy of the current take.
+    """Let the solver find new poses for the chosen range, and add a take that contains them.
 
-    ``words_of`` returns the verb and its options for the motion in the range. With ``fades``, this motion includes the
-    frames before and after the range in which the new poses fade in and out.
+    ``words_of`` returns the solver's command and options for the motion in the range. With ``fades``, this motion
+    includes the frames around the range where the new poses blend in and out.
     """
     from tempfile import TemporaryDirectory
 
@@ -67,7 +67,7 @@ def _reposed(
 
 @operator("Denoise Range", TAKE, EDITABLE, ALONE)
 def denoise_range(self: Any, context: bpy.types.Context) -> Steps:
-    """Add a take with smooth and plausible poses in the range (Pose-NDF)."""
+    """Add a take with smoother, more natural poses from First to Last (Pose-NDF)."""
     return (yield from _reposed(context, "denoised", lambda part: ("denoise", []), fades=True))
 
 
@@ -76,13 +76,13 @@ _LIMB = choice("Limb", "Arm, leg, trunk or head to replace with new poses", "com
 
 @operator("Complete Limb", TAKE, EDITABLE, ALONE, invoke=ask, limb=_LIMB)
 def complete_limb(self: Any, context: bpy.types.Context) -> Steps:
-    """Add a take with plausible poses of one limb in the range that match the rest of the body (Pose-NDF)."""
+    """Add a take that replaces one limb from First to Last with natural poses that match the body (Pose-NDF)."""
     return (yield from _reposed(context, "completed", lambda part: ("complete", ["--missing", self.limb]), fades=True))
 
 
 @operator("In-Between", TAKE, EDITABLE, ALONE)
 def fill_between(self: Any, context: bpy.types.Context) -> Steps:
-    """Add a take with plausible poses between the first and the last pose of the range (Pose-NDF)."""
+    """Add a take with natural poses between the poses at First and Last (Pose-NDF)."""
 
     def words_of(part: MotionFile) -> tuple[str, list[str]]:
         count = part.num_frames

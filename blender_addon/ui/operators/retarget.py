@@ -1,4 +1,4 @@
-"""Map the bones of a character's rig, and transfer the motion of the body or another rig to it."""
+"""Operators that map the bones of a character's rig and transfer motion to it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ACTOR = Need("Solve a capture first, or choose an actor", lambda context: actor
 
 @operator("Map Bones", _ACTOR)
 def map_rig(self: Any, context: bpy.types.Context) -> str:
-    """Assign roles to the target's bones based on presets, structure or names."""
+    """Assign the target's bones to body parts, using presets, the bone hierarchy or names."""
     from ...retarget.recognition import map_rig, user_presets_folder
 
     found = map_rig(chosen_target(context), user_presets_folder())
@@ -67,7 +67,7 @@ _NAME = text("Name", "Preset name (replaces an existing preset with the same nam
 
 @operator("Save Preset", _ACTOR, invoke=_ask_for_name, name=_NAME)
 def save_preset(self: Any, context: bpy.types.Context) -> str:
-    """Save the table and the map pose as your own preset for every rig with these bones."""
+    """Save the bone table and the map pose, to map other rigs with the same bones automatically."""
     from dataclasses import replace
 
     from ...retarget.recognition import user_presets_folder
@@ -106,7 +106,7 @@ def retarget(self: Any, context: bpy.types.Context) -> str:
 
 
 def chosen_settings(scene: bpy.types.Scene) -> RetargetSettings:
-    """Return the settings of the Retarget panel."""
+    """Return the retargeting settings in the Retarget panel."""
     from ...retarget.motion.transfer import TransferSettings
     from ...retarget.retarget import RetargetSettings
 
@@ -126,7 +126,7 @@ def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
 
 
 def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
-    """Return the rig to animate. It is an error if no target is chosen, or if the target is the actor."""
+    """Return the rig to animate. Raise ``MapInvalid`` without a target, or if it is also the actor."""
     rig = context.scene.mocap.retarget.target
     if rig is not None and rig == actor_object(context.scene):
         raise MapInvalid("Actor and target are the same armature.", hint="Choose different ones in the Retarget panel.")
@@ -137,7 +137,7 @@ def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
 
 
 def table_map(context: bpy.types.Context) -> RigMap:
-    """Return the map shown in the table, with the user's corrections."""
+    """Return the bone map with the user's corrections in the table."""
     import json
     from dataclasses import replace
 

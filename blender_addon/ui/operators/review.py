@@ -1,4 +1,4 @@
-"""Review and correct a take: its frame ranges, pins, confidence, report, feet, gaps and limbs."""
+"""Operators that review and correct a take: ranges, pins, contacts, confidence, feet, gaps and limbs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MARGIN = 5  # Scene frames added on both sides of a range to review. The new so
 MARK = "gap"  # Start of the name of each timeline marker that we create.
 _GAP, _TO_REVIEW = f"{MARK} interpolated", f"{MARK} review"
 _SAMPLES = 16
-"""Number of frames in which the height of the soles is measured. Chosen by hand."""
+"""Number of frames that Feet to Floor measures. Chosen by hand."""
 _NOTHING_MEASURED = 1e-6  # Largest confidence (0 to 1) that an interpolated frame can have.
 
 
@@ -80,7 +80,7 @@ def pin_pose(self: Any, context: bpy.types.Context) -> str:
 
 
 def pin_frame(review: bpy.types.PropertyGroup, frame: int) -> None:
-    """Pin the body's current pose at a scene frame."""
+    """Store the body's current pose as a pin that a new solve of the range must keep."""
     from ...review.ranges import pinned_values
 
     values = pinned_values(review.armature)
@@ -192,7 +192,7 @@ def hide_cube(self: Any, context: bpy.types.Context) -> None:
 
 @operator("Open Report", TAKE, options=OPENS)
 def open_report(self: Any, context: bpy.types.Context) -> set[str]:
-    """Open the solve report for this take."""
+    """Open the page with this take's errors, warnings and charts."""
     from ...animation.takes import take_file
 
     take = context.scene.mocap.review.take
@@ -273,7 +273,7 @@ def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Mark Gaps", TAKE)
 def mark_gaps(self: Any, context: bpy.types.Context) -> str:
-    """Update the add-on's timeline markers at interpolated frame ranges and ranges to review."""
+    """Add timeline markers where frames are interpolated or need review, and remove outdated ones."""
     from ...review.ranges import doubtful_ranges
 
     scene, review = context.scene, context.scene.mocap.review

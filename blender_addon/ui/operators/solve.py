@@ -1,4 +1,4 @@
-"""Solve captures, frame ranges and whole scenes, and calibrate the person who wears the markers."""
+"""Operators that solve captures and frame ranges, and that calibrate the person with the markers."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _write_job(
 
 
 def _solve(self: Any, context: bpy.types.Context, frames: SceneRange | None) -> Steps:
-    """Solve a take, or solve a range of its frames again. The motion is used even if writing the report fails."""
+    """Solve a take, or a range of its frames again. A failed report does not discard the motion."""
     from ...animation.takes import SolvedAgain
     from .import_results import take_motion
 
@@ -112,7 +112,7 @@ def resolve_range(self: Any, context: bpy.types.Context) -> Steps:
 
 
 def edited_in_range(context: bpy.types.Context) -> list[int]:
-    """Return the scene frames in the chosen range that were edited by hand but are not pinned."""
+    """Return the scene frames from First to Last that have hand edits but no pin."""
     from ...review.ranges import capture_frame, scene_frame
     from ...scene.hand_edits import edited_frames
 
@@ -132,7 +132,7 @@ def runs(frames: list[int]) -> list[tuple[int, int]]:
 
 
 def spans(frames: list[int]) -> str:
-    """Return frames as text with ranges, such as "50-52, 60"."""
+    """Return frame numbers as text, such as "50-52, 60"."""
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs(frames))
 
 
@@ -188,7 +188,7 @@ def calibrate_subject(self: Any, context: bpy.types.Context) -> Steps:
 
 
 def calibrated(result: PersonResult) -> str:
-    """Return one line of text about the results of a subject calibration."""
+    """Return text about a subject calibration: its markers, and the one farthest from its usual position."""
     markers = result["markers"]
     label, worst = max(markers.items(), key=lambda item: item[1]["offset_mm"])
     name = label.rpartition(":")[2]

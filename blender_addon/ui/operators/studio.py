@@ -1,4 +1,4 @@
-"""The studio: make data sets with ground truth, and predict the accuracy of camera arrays."""
+"""Operators of the studio, which makes data sets with ground truth and predicts a camera array's accuracy."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def _size(mebibytes: float) -> str:
 
 
 def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the description of a data set, made from the panel's settings."""
+    """Return the panel's data set settings as a dict for the data set's JSON file."""
     settings = context.scene.mocap.studio
     if not settings.film:
         raise CommandLineInvalid("No kind of image is selected.", hint="Choose at least one kind of image.")
@@ -152,7 +152,7 @@ def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
 
 
 def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the description of a benchmark: one person for three seconds, and the camera arrays to compare."""
+    """Return the benchmark's JSON settings: one person for three seconds, and the camera arrays."""
     settings = context.scene.mocap.studio
     if settings.faults.endswith("_markers"):
         hint = "Choose Detector, Good Detector or Jitter under Faults."

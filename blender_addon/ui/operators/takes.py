@@ -1,4 +1,4 @@
-"""Manage a body's takes: show, delete, thin, push to the NLA, and follow the scene's frame rate."""
+"""Operators that show, delete, thin, layer and resample a body's takes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NOT_ON_NLA = Need(
 
 @operator("Show Take", BODY, EDITABLE, name=str)
 def show_take(self: Any, context: bpy.types.Context) -> str:
-    """Play this take, and move an action that you made to a muted NLA track."""
+    """Play this take on the body, and keep your own action on a muted NLA track."""
     from ...animation.layers import aside_note, playing_actions
     from ...animation.takes import show_take
     from ...conventions.timing import show_frame
@@ -102,7 +102,7 @@ def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]
 
 
 def take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Action:
-    """Return the take of the current person that has this name."""
+    """Return the current person's take with this name. Raise ``TakeMissing`` if there is none."""
     action = next((take for take in takes_of_person(settings) if take.name == name), None)
     if action is None:
         raise TakeMissing(f"This capture has no take '{name}' for this person.")
@@ -127,8 +127,9 @@ def edit_aside(
 ) -> Generator[Call, Any, dict[str, Any]]:
     """Edit a copy of the current take in a second Blender, and play the new action.
 
-    The result contains no action if there was nothing to edit. ``switch`` contains IK or FK, followed by limb switches.
-    Their keys are replaced in the take, unless the take's keys have changed in the meantime.
+    ``switch`` is empty, or IK or FK followed by the limbs to switch. A switch replaces the keys of the take itself,
+    unless the user has changed them in the meantime. ``limit`` contains the options for key reduction. The result has
+    no action if there was nothing to edit.
     """
     from tempfile import TemporaryDirectory
 
@@ -207,7 +208,7 @@ def push_down(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Edit on a Layer", TAKE, EDITABLE)
 def edit_on_layer(self: Any, context: bpy.types.Context) -> str:
-    """Add an action on top of the take, and keep the take's keys on the NLA."""
+    """Add an empty action on top of the take for your edits, so that the take's keys stay unchanged."""
     from ...animation.layers import add_layer
 
     review = context.scene.mocap.review

@@ -1,4 +1,4 @@
-"""Make captures from videos step by step, and set up and test the person detector."""
+"""Operators that make captures from videos, and that set up and test the person detector."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LAST = list(STEPS)[-1]
 
 
 def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = "") -> Steps:
-    """Run steps in the scene's video folder, and show each step when it is finished."""
+    """Run the steps up to ``until`` in the scene's video folder, and show each finished step."""
     from .import_results import bring_capture
 
     videos = context.scene.mocap.videos
@@ -60,13 +60,13 @@ def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = ""
 
 
 class _ShownSteps:
-    """The steps of a run from videos, as shown in the panel."""
+    """Updates the steps in the From Videos panel while they run."""
 
     def __init__(self, context: bpy.types.Context) -> None:
         self._context, self._seen = context, 0
 
     def update(self, takes: Sequence[TakeOfVideos] = ()) -> None:
-        """Read the steps' reports if they have changed. If there are several takes, show the last one."""
+        """Read the steps' reports if they have changed. With several takes, show the take that changed last."""
         videos = self._context.scene.mocap.videos
         folders = [Path(take["folder"]) for take in takes] or _with_reports(file_of(videos.results))
         latest = max(folders, key=_changed, default=None)
@@ -130,7 +130,7 @@ def open_video_picture(self: Any, context: bpy.types.Context) -> set[str]:
 
 
 class MOCAP_FH_videos(base.ViewportDrop, bpy.types.FileHandler):
-    """Imports videos dropped on the 3D viewport. A single video stands for its folder."""
+    """Make a capture when a video is dropped on the 3D viewport."""
 
     bl_idname = "MOCAP_FH_videos"
     bl_label = "Capture from videos"
@@ -173,7 +173,7 @@ def _changed(folder: Path) -> int:
 
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Draw the entry in File > Import."""
+    """Draw the entry for captures from videos in File > Import."""
     self.layout.operator("mocap.capture_from_videos", text="Motion Capture from Videos (folder)")
 
 
@@ -194,7 +194,7 @@ _WIDTH_PX = 520
 
 
 class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
-    """Install MediaPipe or LiteRT in a separate environment (asks for confirmation first)."""
+    """Install the program that finds people in videos, in its own Python environment (asks first)."""
 
     bl_label = "Set Up Detector…"
     bl_options = base.OPENS | base.INTERNAL

@@ -1,1 +1,1 @@
-"""The sidebar tab, in workflow order: Capture, Cameras, Solve, Review, Export."""
+"""Panels of the sidebar tabs, in workflow order."""

@@ -99,7 +99,7 @@ def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def timing_lines(pose: LivePose) -> list[str]:
-    """Return text lines about a pose: its rate, latency, lag, dropped frames and views."""
+    """Return text lines about a live pose: its rate, latency, lag, dropped frames and cameras."""
     lines = [] if math.isnan(pose.rate_hz) else [f"{pose.rate_hz:.0f} poses/s, {pose.latency_ms:.0f} ms each"]
     lines += [] if math.isnan(pose.lag_ms) else [f"{max(pose.lag_ms, 0.0):.0f} ms behind"]
     lines += [f"{pose.dropped} frames dropped"] if pose.dropped else []

@@ -23,7 +23,7 @@ MEANINGS = {
     "doubled": "DUPLICATE",
     "unlabelled": "DOT",
 }
-"""Icon of each meaning that a marker label can have."""
+"""Icon of each kind of marker label."""
 _FEW_PERCENT = 60  # Cameras that see the person in a smaller percentage of frames are red. Chosen by hand.
 
 
@@ -106,7 +106,7 @@ def notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 class MOCAP_UL_markers(bpy.types.UIList):
-    """The list of markers."""
+    """List of the capture's markers with their gaps."""
 
     def draw_item(
         self, context: Any, layout: bpy.types.UILayout, data: Any, item: Any, icon: int, owner: Any, active: str
@@ -170,7 +170,7 @@ def labels(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 class MOCAP_UL_people(bpy.types.UIList):
-    """The list of people."""
+    """List of the capture's people with the mean number of cameras that see them."""
 
     def draw_item(
         self,

@@ -1,4 +1,4 @@
-"""Building blocks of panels: the decorator, the progress, and diagnostics with their buttons."""
+"""Building blocks of panels: the panel decorator, the progress note, and diagnostics with their buttons."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
-    """Draw a note if a run of one of these verbs is active. Return whether there is such a run."""
+    """Draw "Running" if the active run uses one of these verbs. Return whether it does."""
     run = current.run
     if run is None or run.verb not in verbs:
         return False
@@ -84,7 +84,7 @@ def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
 
 
 def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: tuple[str, ...]) -> None:
-    """Draw the last run's error and the buttons that resolve it, if the run used one of these verbs."""
+    """Draw the last run's error with buttons that may resolve it, if the run used one of these verbs."""
     run = current.last_for(context.scene, verbs)
     if run is None or run.error is None:
         return
@@ -100,7 +100,7 @@ def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: 
 
 
 def draw_fix(layout: bpy.types.UILayout, fix: Fix, text: str = "", icon: str = "MODIFIER") -> None:
-    """Draw the button of a fix."""
+    """Draw the button that resolves a problem."""
     row = layout.row()
     row.enabled = not current.busy
     button = row.operator(fix.operator, text=text or fix.text, icon=icon, text_ctxt=CONTEXT)
@@ -109,7 +109,7 @@ def draw_fix(layout: bpy.types.UILayout, fix: Fix, text: str = "", icon: str = "
 
 
 def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: Diagnostic, take: str = "") -> None:
-    """Draw a diagnostic and its fix. Add the name of its take if there are several takes."""
+    """Draw a diagnostic, and for a warning its fix. ``take`` is a prefix that names one of several takes."""
     is_warning = bool(warnings_in([found]))
     wrapped(layout, context, take + sentence(found), "ERROR" if is_warning else "DOT", alert=is_warning)
     if is_warning and (fix := fix_of(found)) is not None:
@@ -117,7 +117,7 @@ def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: 
 
 
 def draw_waiting(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw a note that names an unsaved file's session folder."""
+    """Draw where the takes of an unsaved .blend file are."""
     if folder := waits_for_saving(context.scene):
         text = f"This file is not saved. Its takes are in {folder} until you save it."
         wrapped(layout, context, text, "INFO")

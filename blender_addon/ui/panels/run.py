@@ -80,7 +80,7 @@ def _draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def draw_rate_button(self: bpy.types.Header | bpy.types.Panel, context: bpy.types.Context) -> None:
-    """Draw the button that adapts takes to a new frame rate."""
+    """Draw the button that resamples takes, if the scene's frame rate has changed."""
     if context.scene is None or not _needs_new_rate(context.scene):
         return
     row = self.layout.row()

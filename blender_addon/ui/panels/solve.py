@@ -92,7 +92,7 @@ def explain_method(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
 
 def _draw_value(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> None:
-    """Draw the value that the preset gives to a setting, which may differ from the user's value."""
+    """Draw the preset's value of a setting. It may differ from the user's own value."""
     prop = settings.bl_rna.properties[name]
     value = PRESETS[settings.preset.lower()].get(name, prop.default)
     row = layout.row()

@@ -21,17 +21,17 @@ _SIZE = 11.0  # Image height in button heights.
 
 
 class Previews:
-    """Image files shown as icons. An image is loaded once, and again if its file changes."""
+    """Cache of image files shown in panels. An image is loaded again only if its file changes."""
 
     def __init__(self) -> None:
         self._shown: bpy.utils.previews.ImagePreviewCollection | None = None
 
     def start(self) -> None:
-        """Start without images."""
+        """Create an empty cache."""
         self._shown = bpy.utils.previews.new()
 
     def stop(self) -> None:
-        """Remove all images."""
+        """Remove all images from the cache."""
         if self._shown is not None:
             bpy.utils.previews.remove(self._shown)
         self._shown = None
@@ -42,7 +42,7 @@ class Previews:
         return () if self._shown is None else tuple(self._shown)
 
     def icon(self, path: Path) -> int:
-        """Return the icon that shows an image, or 0 if the image cannot be shown."""
+        """Return the icon number of an image, or 0 if the image cannot be shown."""
         if self._shown is None:
             return 0
         try:

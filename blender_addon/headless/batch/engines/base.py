@@ -20,7 +20,7 @@ LOST, ENDED, DIED = "lost", "ended", "died"
 
 @dataclass
 class Ticket:
-    """A take to process."""
+    """A take that waits to be processed, and its earlier attempts."""
 
     capture: Path  # File or folder.
     name: str  # Name of the take.
@@ -30,7 +30,7 @@ class Ticket:
 
 @dataclass(frozen=True)
 class Ended:
-    """A take that an engine has finished with."""
+    """A take that an engine has processed or lost."""
 
     ticket: Ticket
     how: str  # ENDED (see the record), DIED (the take ended its workers) or LOST (unknown, to be started again).
@@ -48,7 +48,7 @@ class Engine(Protocol):
         ...
 
     def begin(self, ticket: Ticket) -> None:
-        """Start a take."""
+        """Start the processing of a take."""
 
     def ended(self, timeout_s: float) -> list[Ended]:
         """Return the takes that have ended. Wait for at most ``timeout_s`` seconds."""
@@ -63,7 +63,7 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None:
-        """End all running takes and clean up."""
+        """Stop all running takes, and release the workers."""
         return
 
 
@@ -77,7 +77,7 @@ class HereEngine(Engine):
         self._begun: Ticket | None = None
 
     def free(self) -> int:
-        """Return 1 if no take is running, or 0."""
+        """Return 1 if no take is being processed, or else 0."""
         return int(self._begun is None)
 
     def begin(self, ticket: Ticket) -> None:
@@ -85,7 +85,7 @@ class HereEngine(Engine):
         self._begun = ticket
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Process the started take."""
+        """Process the take that ``begin`` stored, and return it."""
         ticket, self._begun = self._begun, None
         if ticket is None:
             time.sleep(timeout_s)
@@ -118,7 +118,7 @@ class ProcessesEngine(Engine):
         self._running[self._pool.submit(run_take, self._work, ticket.capture, silent, **place)] = ticket
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes whose processes have ended."""
+        """Return the takes that have ended. Wait for at most ``timeout_s`` seconds."""
         if not self._running:
             self._stop.wait(timeout_s)
             return []

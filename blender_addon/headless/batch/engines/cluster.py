@@ -1,6 +1,6 @@
 """Process takes on a Dask cluster (Rocklin 2015), with one task per step.
 
-Dask schedules tasks, and repeats those of workers that have died. This module selects suitable workers and retries
+Dask schedules tasks, and repeats the tasks of workers that have died. This module selects suitable workers and retries
 failed takes on other workers. All state is in the takes' records, so scheduler, workers and program may end any time.
 """
 
@@ -36,7 +36,7 @@ def require_dask() -> None:
 
 
 def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
-    """Connect to a scheduler, wait for at most ``patience_s`` seconds, and return the client.
+    """Connect to a scheduler within ``patience_s`` seconds, and return the client. Call ``tend`` while waiting.
 
     Raises:
         SchedulerUnsafe: the scheduler is on another host without TLS, or TLS certificates are missing.
@@ -207,7 +207,7 @@ class ClusterEngine(Engine):
         return [Ended(ticket, LOST)]
 
     def _deaths(self, ticket: Ticket) -> int:
-        """Return the number of unfinished attempts at a take. Dask also counts takes that were only waiting."""
+        """Return how many attempts at a take began but did not end. Dask's count includes takes that only waited."""
         known = read_record(self._work.out / ticket.name)
         attempts = () if known is None else known.get("attempts", ())
         return sum(attempt["how"] == "begun" for attempt in attempts)
@@ -224,7 +224,7 @@ class ClusterEngine(Engine):
         return Ended(ticket, ENDED, record, worker)
 
     def _look(self) -> list[Ended]:
-        """Check the scheduler, the workers and the marker. Return the takes that no worker will process."""
+        """Check the scheduler, the workers and the batch's marker file. Return the takes that were lost."""
         self._tend()
         if self._client.status != "running":
             return self._begin_anew()
@@ -277,7 +277,7 @@ _FAILS = 3  # Consecutive write failures after which a worker is no longer used 
 
 
 class Workers:
-    """The workers of a scheduler, identified by address."""
+    """The workers that a Dask scheduler knows: which of them are suitable, and why others are not."""
 
     def __init__(self, address: str, out: str, marker: str, patience_s: float) -> None:
         self._address, self._out, self._marker, self._patience_s = address, out, marker, patience_s
@@ -294,17 +294,17 @@ class Workers:
 
     @property
     def notes(self) -> list[str]:
-        """Notes for the user."""
+        """Notes for the user, including the reasons why workers get no takes."""
         return [*self._notes, *(f"Worker {name} gets no takes: {why}." for name, why in self.bad.items())]
 
     @property
     def threads(self) -> int:
-        """Number of threads of all suitable workers."""
+        """Total number of threads of the suitable workers."""
         return sum(info["nthreads"] for address, info in self.infos().items() if address not in self.bad)
 
     @property
     def good(self) -> set[str]:
-        """Addresses of the suitable workers."""
+        """Addresses of the workers that can process takes."""
         return set(self.infos()) - set(self.bad)
 
     def note(self, text: str) -> None:
@@ -313,7 +313,7 @@ class Workers:
             self._notes.append(text)
 
     def infos(self) -> dict[str, Any]:
-        """Return the scheduler's information about each worker, or nothing without a scheduler."""
+        """Return the scheduler's information about each worker, or {} if the scheduler does not answer."""
         try:
             return dict(self.client.scheduler_info(n_workers=-1)["workers"])
         except Exception:  # the connection is closing, which the next check reports
@@ -328,7 +328,7 @@ class Workers:
         return others or good
 
     def state_memory(self, wanted_mb: float) -> bool:
-        """Return whether every worker declares its memory.
+        """Return whether every worker declares its memory in ``memory_mb``.
 
         Raises:
             WorkersUnsuitable: no worker has as much memory as a take is allowed to use.
@@ -380,7 +380,7 @@ class Workers:
                 self.note(f"{clock}, which affects only the times of files.")
 
     def require_some(self, patience_s: float | None = None) -> None:
-        """Raise an error if there has not been a suitable worker for too long.
+        """Raise ``WorkersUnsuitable`` if there has not been a suitable worker for too long.
 
         Raises:
             WorkersUnsuitable: no worker was suitable. The message contains the first reasons.

@@ -24,7 +24,7 @@ MARKER = ".batch"
 
 
 def put_marker(out: Path) -> str:
-    """Write a new marker file and return its text."""
+    """Write a new marker file, which shows that a batch uses the results folder. Return its random text."""
     text = secrets.token_hex(16)
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / MARKER, text, overwrite=True)
@@ -32,7 +32,7 @@ def put_marker(out: Path) -> str:
 
 
 def marker_in(out: Path) -> str:
-    """Return the text of the marker, or "" if the marker is missing or not visible."""
+    """Return the text of a results folder's marker file, or "" if this machine does not see one."""
     try:
         return (out / MARKER).read_text(encoding="utf-8")[:64]
     except (OSError, UnicodeDecodeError):
@@ -40,7 +40,7 @@ def marker_in(out: Path) -> str:
 
 
 def remove_marker(out: Path, text: str) -> None:
-    """Remove our marker. This ends our takes on all workers."""
+    """Remove this batch's marker file, so that workers stop its takes."""
     with suppress(OSError):
         if marker_in(out) == text:
             (out / MARKER).unlink()
@@ -50,7 +50,7 @@ _KINDS: dict[str, type[Takes] | type[Shots]] = {kind.kind: kind for kind in (Tak
 
 
 def work_of(values: Plain) -> Work:
-    """Recreate the work from its ``plain`` values."""
+    """Recreate a batch's work from the values of ``Work.plain``."""
     return _KINDS[values["kind"]].from_plain(values)
 
 
@@ -58,7 +58,7 @@ _LOOK_S, _LOOKS = 2.0, 3  # Consecutive checks that must find no marker, because
 
 
 class Batch(TypedDict):
-    """Data of a batch that every task receives."""
+    """Data that every task of a batch receives."""
 
     work: Plain  # See ``Work.plain``.
     out: str
@@ -69,7 +69,7 @@ class Batch(TypedDict):
 
 
 class WorkerFacts(TypedDict):
-    """Information about a worker."""
+    """A worker's description of itself, to find out whether it can process a batch."""
 
     versions: dict[str, str]
     marker: str  # Text of the marker that the worker sees in the results folder.
@@ -94,7 +94,7 @@ def versions() -> dict[str, str]:
 
 
 def describe(out: str) -> WorkerFacts:
-    """Return a description of this worker."""
+    """Return the versions, marker, clock and host name of the worker that runs this function."""
     return {"versions": versions(), "marker": marker_in(Path(out)), "time": time.time(), "host": platform.node()}
 
 
@@ -108,7 +108,7 @@ def what_is_wrong(about: WorkerFacts, wanted: dict[str, str], marker: str, out: 
 
 
 def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResult:
-    """Process one step of a take, given the result of the step before it."""
+    """Process one step of a take on a worker, given the result of the previous step."""
     from distributed import get_worker, secede
 
     if before is not None and ("record" not in before or before["record"]["status"] != UNFINISHED):

@@ -1,4 +1,4 @@
-"""Run ``dask scheduler`` and ``dask worker`` on this machine."""
+"""Run a Dask scheduler and its workers on this machine."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _END_S = 2.0  # Seconds that a worker gets to end. Chosen by hand.
 
 
 class LocalCluster:
-    """A scheduler and several workers that use the loopback address.
+    """A Dask scheduler and several workers that only this machine can reach.
 
     Args:
         workers: number of workers, with one thread each.
@@ -47,7 +47,7 @@ class LocalCluster:
         self.tend()
 
     def tend(self) -> None:
-        """Restart processes that have ended."""
+        """Restart the scheduler or a worker if its process has ended."""
         for k, process in enumerate(self.processes):
             late = time.monotonic() - self._started[k] > _AGAIN_S
             if (process is None or process.poll() is not None) and late:
