@@ -19,7 +19,7 @@ def main() -> None:
     from solver_backend.exchange.verb import option, output, parse_script
 
     hands = option("path", "hands", "HANDS.npz", "File of the hands", HANDS_FILE)
-    shown = option("path", "shown", "SHOWN.npz", "File of what Blender shows beyond the body", SHOWN_FILE)
+    shown = option("path", "shown", "SHOWN.npz", "File of the looks, face and correctives for Blender", SHOWN_FILE)
     arguments = parse_script(__doc__, output("BODY.npz", "Body file", BODY_FILE), hands, shown)
     logging.basicConfig(level=logging.INFO, format="%(message)s", force=True)
     built = build_body()

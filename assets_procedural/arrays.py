@@ -15,7 +15,7 @@ from solver_backend.body.mesh import face_normals
 Array = np.ndarray
 NUMBERS = Path(__file__).parent / "numbers"
 
-NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)  # What a face of the mesh can show.
+NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)  # Features that a face of the mesh can show.
 FLIP = np.array([-1.0, 1.0, 1.0])  # Factor that mirrors a point at the plane x = 0.
 
 
@@ -25,25 +25,25 @@ def half_edges(faces: Array) -> Array:
 
 
 def edges_of(faces: Array) -> Array:
-    """Return the edges (E, 2) without duplicates. The lower vertex comes first."""
+    """Return the edges (E, 2) without duplicates. Each edge starts with its lower vertex number."""
     return np.unique(np.sort(half_edges(faces), axis=1), axis=0)
 
 
 def neighbour_graph(faces: Array, count: int) -> sp.csr_matrix:
-    """Return the matrix (count, count) that is 1 for every pair of vertices that share an edge."""
+    """Return the adjacency matrix (count, count): 1 for each pair of vertices with a common edge."""
     pairs = half_edges(faces)
     pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
     return sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
 
 
 def averaging(graph: sp.csr_matrix) -> sp.csr_matrix:
-    """Return the matrix with every row divided by its sum."""
+    """Return the matrix that averages over neighbours: every row of ``graph`` divided by its sum."""
     return sp.csr_matrix(sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph)
 
 
 @cache
 def table(name: str) -> dict[str, Any]:
-    """Return a table from the file of committed numbers."""
+    """Return a table by its name in ``numbers/tables.json``."""
     return json.loads((NUMBERS / "tables.json").read_text(encoding="utf-8"))[name]
 
 
@@ -56,7 +56,7 @@ def normal_sums(vertices: Array, faces: Array) -> Array:
 
 
 def part_of(faces: Array, chosen: Array, count: int) -> Array:
-    """Return the faces whose vertices are all chosen, renumbered. ``count`` is the number of all vertices."""
+    """Return the faces (Q, 3) between chosen vertices, renumbered. ``count`` is the number of all vertices."""
     number = np.full(count, -1)
     number[chosen] = np.arange(len(chosen))
     own = number[faces]

@@ -35,7 +35,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class BuiltBody:
-    """Arrays of the body file, and the data from which its hands are built."""
+    """Arrays of the body file, and the finger knots that its hands are built from."""
 
     arrays: dict[str, np.ndarray]  # Arrays of the body file, by key.
     knots: Knots  # Knots of the body's digits. The pelvis is the origin.
@@ -44,16 +44,16 @@ class BuiltBody:
 def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = None) -> BuiltBody:
     """Return the arrays of the body file. In every shape, the pelvis is the origin.
 
-    SMPL's keys are ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Our keys are:
+    SMPL's keys are ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Additional keys are:
 
     - ``body_id``, ``mirror`` (V,)
     - ``vt`` (T, 2) and ``ft`` (F, 3) with seams, ``face_material`` (F,) and ``material_names``
-    - ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10), the joints to which the regressor was fitted
+    - ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10), the joints that the regressor was fitted to
     - ``blank_vertices`` (N,) and ``blank_offsets`` (N, 3) in metres, which remove the face
 
     Args:
-        num_vertices: number of vertices if a new skin mesh is made.
-        fitted: existing skin mesh, or None to make one.
+        num_vertices: number of vertices of a new skin mesh, used if ``fitted`` is None.
+        fitted: existing skin mesh, or None to create one.
     """
     statistics, fitted_joints = load_statistics(), load_joints()
     skin = fitted or _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))

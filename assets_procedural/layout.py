@@ -1,4 +1,4 @@
-"""Define names, joint tree and segment borders for the whole generator."""
+"""Joint names, joint tree and material borders for the whole generator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Define an implicit surface as a sum of mirrored anisotropic Gaussians. The skin is at F = 1."""
+"""Implicit surface of the body: a sum F of mirrored anisotropic Gaussians, with the skin at F = 1."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Primitives:
     def from_half(
         cls, mean: np.ndarray, log_scale: np.ndarray, rotation: np.ndarray, log_weight: np.ndarray
     ) -> Primitives:
-        """Build both halves from the parameters of the left half. ``rotation`` holds rotation vectors."""
+        """Build both halves from the parameters of the left half. ``rotation`` contains rotation vectors."""
         turn = Rotation.from_rotvec(rotation).as_matrix()
         whiten = np.exp(-log_scale)[:, :, None] * np.swapaxes(turn, 1, 2)
         parts = (mean, mean * FLIP), (whiten, whiten * FLIP), (log_weight, log_weight)
@@ -100,7 +100,7 @@ class Primitives:
 
 
 def load_primitives(path: Path = NUMBERS / "primitives.npz") -> Primitives:
-    """Read the committed numbers.
+    """Read the committed primitives (Gaussians) of the body's left half, and mirror them.
 
     Raises:
         FileDamaged: the file lacks an array, or arrays differ in length.

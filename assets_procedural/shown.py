@@ -1,4 +1,4 @@
-"""Build the file that only Blender adds to the body: correctives, facial shapes and looks."""
+"""Build the file of the shown body's correctives, facial shapes and looks, which only Blender uses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LEAST_M = 2e-5  # Vertex movements below this are removed from the shapes.
 
 
 def build_shown(body: dict[str, Array]) -> dict[str, Array]:
-    """Return the arrays of this file, given the arrays of the body file.
+    """Return the arrays of the file for Blender, given the arrays of the body file.
 
     ``rows`` (N, 3, 9) are correctives of one vertex for one joint, in metres per unit of ``flatten(R_j - I)``.
     ``shape_offset`` (M, 3) is the offset in metres that a facial shape gives a vertex at value 1. ``look_material`` (L,

@@ -1,4 +1,4 @@
-"""Define the face's 52 shapes under ARKit's names, from geometry and ``face.json``.
+"""Compute the face's 52 shapes under ARKit's names, from geometry and ``face.json``.
 
 A lid slides over its eyeball, and an iris rotates with its eyeball under fixed lids. The lower lip rotates with the jaw
 about an axis through the jaw's joints, weighted by a harmonic field. A stroke moves the skin around a point by a smooth
@@ -40,7 +40,7 @@ _HEAD_M = 0.24  # Distance from the head joint within which facial shapes move t
 
 @dataclass(frozen=True)
 class Expressions:
-    """Arrays that add facial shapes to the body file."""
+    """Arrays of the facial shapes that Blender adds to the body."""
 
     names: tuple[str, ...]
     offsets: Array  # (52, V, 3) metres at value 1, from the relaxed face.
@@ -154,7 +154,7 @@ class _Eye:
 
 
 class _Mouth:
-    """The lips, the jaw, and the landmarks to which strokes refer."""
+    """The lips, the jaw, and the landmarks that strokes start from."""
 
     def __init__(self, vertices: Array, faces: Array, material: Array, head: Array) -> None:
         self._vertices, self._faces, self._head = vertices, faces, head
@@ -181,7 +181,6 @@ class _Mouth:
         self.closing = smooth_step(vertices[:, 1], mouth[1] - 0.030, mouth[1] - 0.008)
 
     def jaw_turn(self) -> Array:
-        """Return the offsets (V, 3) of an open jaw, in metres."""
         axis = self._head + _JAW_JOINT
         turned = Rotation.from_rotvec([np.deg2rad(_JAW_DEG), 0.0, 0.0]).apply(self._vertices - axis) + axis
         return self.jaw[:, None] * (turned - self._vertices)

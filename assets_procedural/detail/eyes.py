@@ -1,7 +1,8 @@
 """Build the eye: lids on an eyeball, their opening, and an iris and a pupil that look straight ahead.
 
-The fitted surface has a slit there that ends inside the head. It is replaced by rings for the lids, the edge of the
-lids, the eyeball, the iris and the pupil. Depths follow a sphere and the surrounding skin, interpolated across the eye.
+The fitted surface has a slit at the eye that ends inside the head. It is replaced by rings for the lids, the edge of
+the lids, the eyeball, the iris and the pupil. Depths follow a sphere and the surrounding skin, interpolated across the
+eye.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def _eye(half: HalfBody) -> Patch:
 def _iris_ring(seen: Array, angle: Array) -> tuple[Array, Array]:
     """Return the border (N, 2) of the iris, cut back under the lids, and the directions (N, 2) to it.
 
-    Each direction is the mean of an evenly spaced angle and an angle of the lids, which avoids skewed faces.
+    Each direction is the mean of an equally spaced angle and an angle of the lids, which avoids skewed faces.
     """
     out = seen - EYE_CENTRE[:2]
     to_edge = np.unwrap(np.arctan2(out[:, 1], out[:, 0]))

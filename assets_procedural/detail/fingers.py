@@ -17,7 +17,7 @@ from assets_procedural.layout import JOINT
 from assets_procedural.skeleton.skinning import distance_to_segment
 
 _UP = np.array([0.0, 1.0, 0.0])
-_WEB_M = 0.003  # A finger that is this much farther away than the nearest one hardly affects the skin.
+_WEB_M = 0.003  # Distance beyond the nearest finger at which another finger has little influence on the skin.
 _PALM_M = 0.016, 0.030  # Distances from the thumb's axis. Skin that is closer rotates with the thumb.
 
 
@@ -36,7 +36,7 @@ STRAIGHTENED = 1.14471  # Length of the hand with straight fingers, relative to 
 
 
 def finger_knots(joints: Array) -> Array:
-    """Return the knots (40, 3) of all fingers of both hands, in metres."""
+    """Return the knots (40, 3) of both hands in metres: three knuckles and the tip of each finger."""
     left = joints[JOINT["left_hand"]] + np.concatenate([digit.knots for digit in DIGITS.values()])
     return np.concatenate([left, left * FLIP])
 

@@ -1,4 +1,4 @@
-"""Add all details to the half body, so that both sides are exact mirror images."""
+"""Add eyes, lips, wrists, toes and nails to the half body, so that both sides are exact mirror images."""
 
 from __future__ import annotations
 

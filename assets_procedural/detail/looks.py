@@ -35,7 +35,7 @@ _SHOE_M, _WRAP_M = 0.006, 0.012  # Distance of leather from the skin, and radius
 
 @dataclass(frozen=True)
 class Look:
-    """One look of the shown body."""
+    """Face materials and skin offsets of one look of the body in Blender, such as athletic wear."""
 
     material: Array  # (F,) material of each face.
     offsets: Array  # (V, 3) metres from the relaxed face.
@@ -62,7 +62,7 @@ class _Half:
 
 
 def build_looks(vertices: Array, faces: Array, mirror: Array, material: Array) -> dict[str, Look]:
-    """Build the looks of the relaxed body at rest, by name, from the materials (F,) of ``expressions``."""
+    """Build all looks of the relaxed body at rest, by name. ``material`` (F,) is from ``expressions``."""
     body = vertices, faces, mirror
     wear = {"person": _athletic(*body, material), "shaven": _athletic(*body, material, hair=False)}
     return wear | {"mannequin": _jointed(*body), "segments": _segmented(*body)}
@@ -132,7 +132,6 @@ def _sole(p: Array) -> Array:
 
 
 def _dress(half: _Half, at: Array, shirt: Array, shorts: Array, sock: Array) -> Array:
-    """Return the vertices (V, 3) of the body in cloth, in metres."""
     mush = DeltaMush(at, half.faces, 0.050)
     smooth = mush.smooth(mush.smooth(at))
     normals = vertex_normals(smooth, half.faces)
@@ -188,7 +187,6 @@ def _shod(half: _Half, at: Array, shoe: Array, sole: Array) -> Array:
 
 
 def _grow_hair(half: _Half, at: Array, hair: Array, brow: Array) -> Array:
-    """Return the vertices (V, 3) of the body with short hair, in metres."""
     normals = vertex_normals(at, half.faces)
     above = np.where(hair, -_hairline(at), 0.0)
     thick = 0.003 + 0.011 * smooth_step(above, 0.0, 0.06)
@@ -229,7 +227,6 @@ def _planes() -> Iterator[tuple[str, str, Field]]:
 
 
 def _segmented(vertices: Array, faces: Array, mirror: Array) -> Look:
-    """Return the body with one colour per segment."""
     half = _Half(vertices, faces, mirror)
     left = np.full(len(half.mesh.faces), SEGMENTS.index("Chest"))
     for _, beyond, field in _planes():

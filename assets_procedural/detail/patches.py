@@ -125,7 +125,7 @@ def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
 
 
 def _gap(vertices: Array, rim: Array, ring: Array, i: int, j: int) -> float:
-    """Return the length of the edge between two vertices, rounded to a micrometre, or infinity past the last one."""
+    """Return the length of the edge from rim vertex i to ring vertex j, to a micrometre, or infinity past an end."""
     if i >= len(rim) or j >= len(ring):
         return np.inf
     return round(float(np.linalg.norm(vertices[rim[i]] - vertices[ring[j]])), 6)

@@ -58,7 +58,7 @@ def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: H
 
 
 def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -> Array:
-    """Return local rotations (N, 3, 3) that cover the range of a left-hand joint, in SMPL-H's order."""
+    """Sample local rotations (N, 3, 3) over the range of a left-hand joint, numbered in SMPL-H's order."""
     finger = FINGERS.index(SMPL_FINGERS[joint // PER_FINGER])
     angles = np.tile(skeleton.rest_angles, (_COUNT, 1))
     for i in np.flatnonzero((finger == FINGER_OF) & (joint % PER_FINGER == JOINT_OF)):
@@ -96,7 +96,7 @@ def build_hands(built: BuiltBody) -> dict[str, Array]:
     """Return the arrays of the hands file, which adds finger joints to the body.
 
     - ``body_id``: the body that these hands belong to
-    - ``vertices`` (N,): vertices that the fingers move, or from which their joints are computed
+    - ``vertices`` (N,): vertices that the fingers move, or that their joints are computed from
     - ``weights`` (N, 52), and for the finger joints ``J_regressor`` (30, N) and ``posedirs`` (N, 3, 270)
     - ``flat`` (30, 3, 3): rotations of finger bones from rest to a flat hand
     - ``tips`` (10, 3): ends of the fingers in metres

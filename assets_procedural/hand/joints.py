@@ -95,9 +95,9 @@ def _unit(vector: Array) -> Array:
 
 
 def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) -> Array:
-    """Return weights (V,) that sum to 1 and give the centre of the outline in a plane section.
+    """Return vertex weights (V,) that sum to 1 and give the centre of a plane section's outline.
 
-    Of several outlines, the one whose centre is nearest to ``near`` is used. ``near`` is a (3,) point in the plane.
+    Of several outlines, the one with its centre nearest to ``near`` (a (3,) point in the plane) is used.
     """
     height = (vertices - near) @ normal
     crossing = (height[faces] > 0).any(axis=1) & (height[faces] <= 0).any(axis=1)
@@ -127,7 +127,7 @@ _BONES = 4  # Largest number of hand bones per vertex, as in glTF and game engin
 
 
 def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array) -> Array:
-    """Return weights (V, 52) for joints and tips, given the weights of a body without fingers."""
+    """Return skinning weights (V, 52) of a body with fingers, given its weights without fingers."""
     out = np.zeros((len(vertices), len(joints)))
     out[:, :FIRST] = weights[:, :FIRST]
     carried = weights[:, WRIST] + weights[:, FIRST]

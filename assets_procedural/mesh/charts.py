@@ -20,14 +20,17 @@ _GRID_M = 1e-6  # Lengths are rounded to this grid, so that mirrored lengths are
 
 @dataclass(frozen=True)
 class TextureMap:
-    """Texture coordinates, cut at seams."""
+    """Texture coordinates of a mesh, with seams between the charts."""
 
     vt: Array  # (T, 2) texture points in [0, 1].
     ft: Array  # (F, 3) index into ``vt`` for the corners of each face.
 
 
 def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array) -> TextureMap:
-    """Flatten and pack each part (F,). The first shell of a part faces its direction in ``facing`` (P, 3)."""
+    """Build texture charts: flatten the front and back shells of each body part, and pack them.
+
+    ``part`` (F,) is the part of each face, and ``facing`` (P, 3) is the front direction of each part.
+    """
     label = _shells(vertices, faces, part, facing)
     charts, ft = [], np.zeros_like(faces)
     offset = 0
@@ -86,7 +89,7 @@ def _furthest(points: Array, origin: Array) -> int:
 
 
 def _shells(vertices: Array, faces: Array, part: Array, facing: Array) -> Array:
-    """Return chart numbers (F,). A chart is a connected piece of a part that faces its direction or away from it."""
+    """Return chart numbers (F,). A chart is a connected piece of the front or back of a body part."""
     normal = face_normals(vertices, faces)
     towards = np.einsum("fa,fa->f", normal, facing[part]) / np.linalg.norm(normal, axis=1)
     graph = _face_graph(faces, part)
@@ -123,7 +126,7 @@ def _face_graph(faces: Array, group: Array) -> sp.csr_matrix:
 
 
 def _upright(flat: Array, vertices: Array, facing: Array) -> Array:
-    """Rotate a chart so that up on the body is up, and move its corner to the origin."""
+    """Rotate a chart so that the body's up direction is up, and move its corner to the origin."""
     up = np.array([0.0, 1.0, 0.0]) if abs(facing[1]) < 0.5 else np.array([0.0, 0.0, 1.0])
     centred = flat - flat.mean(axis=0)
     gradient = centred.T @ (vertices @ up - (vertices @ up).mean())
@@ -169,7 +172,7 @@ _ARM_X, _CROTCH_Y = 0.19, 0.83
 
 
 def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the body part (F,) of each face of the fitted mesh, whose floor is at y = 0."""
+    """Return the body part (F,) of each face of the fitted mesh, with its floor at y = 0."""
     centre = vertices[faces].mean(axis=1)
     right = (centre[:, 0] < 0).astype(np.int64)
     folded = centre * np.where(right[:, None] == 1, np.array([-1.0, 1.0, 1.0]), 1.0)

@@ -83,7 +83,7 @@ class Band:
 
 @dataclass
 class LinedMesh:
-    """Half body (x >= 0) whose vertices slide onto lines and then stay there."""
+    """Half body (x >= 0) with vertices that slide onto lines and remain there."""
 
     vertices: Array  # (V, 3) metres. ``draw`` changes them.
     faces: Array  # (T, 3).
@@ -97,7 +97,8 @@ class LinedMesh:
     def draw(self, field: Field, inner_m: float = 0.0, outer_m: float = 0.0) -> Band:
         """Slide vertices onto a line, and return the faces on both sides of it.
 
-        ``inner_m`` and ``outer_m`` are the distances of the next rings on both sides. Rings do not move if these are 0.
+        The next rings of vertices slide to the distances ``inner_m`` and ``outer_m`` from the line. With 0,
+        these rings do not move.
         """
         value = field(self.vertices)
         value[self.fixed & (np.abs(value) < _ON_M)] = 0.0
@@ -116,7 +117,7 @@ class LinedMesh:
         return Band(value[self.faces].sum(axis=1) < 0, ring[self.faces].any(axis=1))
 
     def _cover(self, a: Array, b: Array, cost: Array) -> Array:
-        """Return a mask (V,) with one vertex to slide per crossing edge, without redundant vertices."""
+        """Choose vertices (a mask (V,)) to slide onto a line, so that each crossing edge has one of them."""
         chosen = np.zeros(len(cost), bool)
         chosen[np.where(cost[a] <= cost[b], a, b)] = True
         for vertex in np.flatnonzero(chosen)[np.argsort(-cost[chosen], kind="stable")].tolist():
@@ -125,7 +126,7 @@ class LinedMesh:
         return chosen
 
     def _slide(self, field: Field, moved: Array, level: float, value: Array) -> None:
-        """Slide vertices to a level of a field, but only as far as no face collapses."""
+        """Slide vertices to a level of a field, as far as no face collapses."""
         wanted = np.full(len(self.vertices), level)
         for face in self.faces[moved[self.faces].all(axis=1)]:
             tip = face[np.abs(value[face] - level).argmax()]

@@ -59,14 +59,14 @@ class HalfMesh:
         return self.vertices[vertex][0] == 0.0
 
     def add(self, face: Face) -> None:
-        """Add a face."""
+        """Add a face, and register it at its vertices."""
         self.faces[self._next] = face
         for vertex in face:
             self.around[vertex].add(self._next)
         self._next += 1
 
     def remove(self, index: int) -> None:
-        """Remove a face."""
+        """Remove a face by its number."""
         for vertex in self.faces.pop(index):
             self.around[vertex].discard(index)
 
@@ -192,7 +192,7 @@ def on_grid(values: Array) -> Array:
 
 
 def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rounds: int = 9) -> tuple[Array, Array]:
-    """Return a mesh whose edges have about the wanted lengths and whose triangles are almost equilateral.
+    """Return a mesh with about the wanted edge lengths and almost equilateral triangles.
 
     Args:
         vertices: (V, 3) vertices in metres. On the border, x is exactly 0.
@@ -319,7 +319,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class SymmetricMesh:
-    """A closed mesh that equals its mirror image."""
+    """A closed mesh that is equal to its mirror image at x = 0."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -378,8 +378,8 @@ def check_closed(faces: np.ndarray, num_vertices: int) -> None:
     if not closed or euler != 2:
         found = f"{'closed' if closed else 'open'} with Euler number {euler}"
         raise BodyInvalid(
-            f"The mesh is {found}; one closed surface with 2 is expected.",
-            hint="The primitives leave a hole or a bridge; fit them again.",
+            f"The mesh is {found}. One closed surface with 2 is expected.",
+            hint="The primitives leave a hole or a bridge. Fit them again.",
         )
 
 

@@ -24,7 +24,7 @@ class RestFrame:
     top: float
 
     def at(self, name: str) -> Array:
-        """Return the (3,) position of a joint."""
+        """Return the (3,) rest position of a joint in metres."""
         return self.joints[JOINT[name]]
 
 
@@ -153,7 +153,7 @@ def _step(x: Array, low: float, high: float) -> Array:
 
 
 def _ramp(x: Array, low: float, high: float) -> Array:
-    """Return 0 below ``low``, 1 above ``high``, and a line with rounded ends in between."""
+    """Return 0 below ``low``, 1 above ``high``, and a line with rounded ends between them."""
     soft = 0.08 * (high - low)
 
     def bend(y: Array) -> Array:
@@ -249,7 +249,7 @@ def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measu
 
 
 def _within_population(loadings: Array, statistics: Statistics) -> Array:
-    """Return the loadings (M, 10), reduced where two deviations would exceed the 1st or 99th percentile."""
+    """Scale down components (M, 10) that leave the 1st to 99th percentile at two standard deviations."""
     mean = population_mean(statistics)
     room = np.minimum(statistics.p99 - mean, mean - statistics.p01) - _MARGIN_M
     reach = np.max(2.0 * np.abs(loadings) / room[:, None], axis=0)
@@ -257,7 +257,7 @@ def _within_population(loadings: Array, statistics: Statistics) -> Array:
 
 
 def _driven_components(covariance: Array) -> list[Array]:
-    """Return the change of the measures (M,) per deviation of stature, and per deviation of trunk girth."""
+    """Return the change of the measures (M,) per standard deviation of stature, and of trunk girth."""
     drivers = _drivers()
     shared = drivers.T @ covariance @ drivers
     effect = covariance @ drivers @ np.linalg.inv(shared)
@@ -272,7 +272,7 @@ def _drivers() -> Array:
 
 
 def _principal_components(covariance: Array, metric: Array, driven: Array) -> tuple[Array, float]:
-    """Return the loadings (M, 8) of the largest displacements that change neither stature nor trunk girth."""
+    """Return the loadings (M, 8) of the largest displacements that keep stature and trunk girth constant."""
     drivers = _drivers()
     crossed = covariance @ drivers
     residual = covariance - crossed @ np.linalg.solve(drivers.T @ crossed, crossed.T)

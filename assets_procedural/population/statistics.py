@@ -48,7 +48,7 @@ class Statistics:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Return the covariance (M, M) in square metres."""
+        """Covariance (M, M) of the measures in square metres."""
         return self.correlation * np.outer(self.sd, self.sd)
 
 
@@ -110,7 +110,7 @@ class Tape:
         return (1.0 - self.t)[:, None] * vertices[self.i] + self.t[:, None] * vertices[self.j]
 
     def length(self, vertices: Array) -> float:
-        """Return the circumference in metres."""
+        """Return the length of the tape (a circumference) on a mesh, in metres."""
         points = self.points(vertices)
         return float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
 
@@ -190,7 +190,7 @@ def place_measures(vertices: Array, faces: Array, joints: Array, straightened: f
 def place_tape(
     vertices: Array, faces: Array, normal: tuple[float, ...], through: tuple[float, ...], box: float = 0.0
 ) -> Tape:
-    """Return the convex hull of a plane section, because a tape spans hollows."""
+    """Place a measuring tape around the convex hull of a plane section, because a tape spans hollows."""
     n = np.array(normal) / np.linalg.norm(normal)
     edges = edges_of(faces)
     height = (vertices - np.array(through)) @ n

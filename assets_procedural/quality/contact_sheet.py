@@ -97,7 +97,7 @@ def tile(images: list[Array], columns: int) -> Array:
 
 
 def write_png(path: Path, image: Array) -> None:
-    """Write an (H, W, 3) uint8 picture."""
+    """Write an (H, W, 3) uint8 picture to a PNG file."""
     path.write_bytes(png_bytes(image))
 
 
@@ -161,7 +161,7 @@ class BakedBody:
 
 
 def read_baked(path: Path = BODY_FILE) -> BakedBody:
-    """Read a body file."""
+    """Read a body file's arrays in double precision."""
     names = ("v_template", "f", "weights", "shapedirs", "posedirs", "J_regressor", "face_material")
     with np.load(path, allow_pickle=False) as data:
         arrays = [data[name] for name in names]
@@ -169,7 +169,7 @@ def read_baked(path: Path = BODY_FILE) -> BakedBody:
 
 
 def draw_close(body: BakedBody) -> Array:
-    """Return the sheet that shows close-ups."""
+    """Return the sheet of close-ups at rest and in bends."""
     colours, pictures = MATERIAL_COLOURS[body.material], []
     for pose, joint, offset, height_m, ways in _PLACES:
         local = rotations(pose)
@@ -181,7 +181,7 @@ def draw_close(body: BakedBody) -> Array:
 
 
 def draw_all(body: BakedBody) -> dict[str, Array]:
-    """Return the sheets that show the whole body, by file name."""
+    """Return the sheets of the whole body in shapes and poses, by file name."""
     colours = MATERIAL_COLOURS[body.material]
 
     def draw(vertices: Array, view: RasterView) -> Array:
@@ -210,7 +210,7 @@ def _rest_views(body: BakedBody) -> list[RasterView]:
 
 
 def main() -> None:
-    """Render the sheets of a body file."""
+    """Render the contact sheets of a body file to PNG files."""
     body_file = option("path", "body", "BODY.npz", "Body file", BODY_FILE)
     out, close = output("DIR", "Folder of the sheets", kind="folder"), flag("close", "Draw the close-ups alone")
     arguments = parse_script(__doc__, body_file, out, close)

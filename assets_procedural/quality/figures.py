@@ -27,7 +27,7 @@ _SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0  # Largest change of volume at the sh
 
 @dataclass(frozen=True)
 class Figure:
-    """A measured value and the range that is allowed."""
+    """A measured value with its unit and its allowed range."""
 
     name: str
     value: float
@@ -37,11 +37,11 @@ class Figure:
 
     @property
     def good(self) -> bool:
-        """Return whether the value is in the allowed range."""
+        """True if the value is in its allowed range."""
         return bool(self.low <= self.value <= self.high)
 
     def row(self) -> str:
-        """Return the value as a row of the table."""
+        """Return the value, its limits and the verdict as a row of a Markdown table."""
         limits = f"{self.low:g} to {self.high:g}" if np.isfinite([self.low, self.high]).all() else ""
         limits = limits or (f"≤ {self.high:g}" if np.isfinite(self.high) else "")
         limits = limits or (f"≥ {self.low:g}" if np.isfinite(self.low) else "")
@@ -49,7 +49,7 @@ class Figure:
 
 
 def volume_l(vertices: Array, faces: Array) -> float:
-    """Return the signed volume in litres."""
+    """Return the signed volume of a closed mesh in litres."""
     return 1e3 * volume(vertices, faces)
 
 
@@ -199,7 +199,7 @@ def _rebuild_figures(path: Path) -> Iterator[Figure]:
 
 
 def main() -> None:
-    """Print the table. Exit with 1 if a value is outside its range."""
+    """Print a table of all measured values. Exit with 1 if a value is outside its range."""
     rebuild = flag("rebuild", "Also rebuild the body, time it and compare bit by bit")
     arguments = parse_script(__doc__, option("path", "body", "BODY.npz", "Body file", BODY_FILE), rebuild)
     found = list(figures(read_baked(arguments.body), arguments.body))

@@ -35,7 +35,7 @@ def _thumb(*angles: float) -> dict[str, float]:
 
 
 _FOLDED = _thumb(35, 10, 0, 45, 60)
-HANDS: dict[str, Degrees] = {  # Angles in degrees, by pose name. Joints that are not listed stay at rest.
+HANDS: dict[str, Degrees] = {  # Angles in degrees, by pose name. Joints that are not listed are at rest.
     "rest": {},
     "flat": _all(0, 0, 0) | _spread(-8, -2, 5, 10) | _thumb(0, 5, 0, 0, 0),
     "spread": _all(-5, 0, 0) | _spread(16, 2, -10, -22) | _thumb(-25, 45, 0, -5, -10),
@@ -64,7 +64,7 @@ def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Arr
 def palm_faces(body: Body, side: int) -> Array:
     """Return a mask (T,) of the palm faces on the left (0) or right (1) side.
 
-    These faces follow the wrist, lie in front of the knuckles, and face away from the back of the hand.
+    These faces follow the wrist, are in front of the knuckles, and face away from the back of the hand.
     """
     skeleton, start = hand_skeletons(body)[side], hand_points(body, side)
     middles, normals = body.v_template[body.faces].mean(axis=1), face_normals(body.v_template, body.faces)
@@ -93,7 +93,7 @@ def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: s
 
 
 def main() -> None:
-    """Draw the sheet of the bundled body."""
+    """Draw the hand sheet of the bundled body and write it to a PNG file."""
     sides = values("left", "right", "both")
     arguments = parse_script(
         __doc__,

@@ -2,9 +2,9 @@
 
 One joint rotates at a time. The wanted rest offset is dual-quaternion skinning (Kavan et al. 2007) minus linear
 blending. At hips, knees and elbows, stretched skin also swells to restore the rest volume. Under a raised arm, the skin
-is taut between ribs and arm, without the arc that dual quaternions would give. In the crook of an elbow it ends where
-both sides meet. The wanted offset is regressed on ``flatten(R_j - I)``, and masked to skin that is affected by both
-sides of the joint.
+is taut between ribs and arm, without the arc that dual quaternions would give. In the crook of an elbow, the skin ends
+where both sides meet. The wanted offset is regressed on ``flatten(R_j - I)``, and masked to skin that both sides of the
+joint move.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
 Bends = dict[str, tuple[tuple[float, float, float], float, float]]  # Axis of a left joint, smallest and largest angle.
 SECOND_BEND: Bends = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards, in every second sample
 _SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
-"""Standard deviation of the sampled rotations for each kind of joint, in radians. Chosen by hand."""
+"""Standard deviation of each joint's sampled rotations in radians. Chosen by hand."""
 _OTHER_SPREAD_RAD = 0.18  # Standard deviation of all other joints.
 
 
@@ -69,7 +69,7 @@ def pose_features(rotations: Array) -> Array:
 
 
 def dual_quaternion_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Blend vertices (V, 3) by dual quaternions whose signs match the strongest bone of each vertex."""
+    """Blend vertices (V, 3) by dual quaternions. Their signs match the strongest bone of each vertex."""
     real = Rotation.from_matrix(turns).as_quat()
     dual = _dual_part(real, shifts)
     strongest = real[weights.argmax(axis=1)]
@@ -107,7 +107,7 @@ def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts
 
 
 def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
-    """Return masks (V, J - 1): 1 where bones on both sides of joint j = 1..J-1 have weight, falling to 0."""
+    """Return masks (V, J - 1) of the skin at each joint: 1 where bones on both sides have weight, falling to 0."""
     beyond = weights @ subtree_matrix(parents)[1:].T
     t = (np.minimum(beyond, 1.0 - beyond) / _MASK_FULL).clip(0.0, 1.0)
     return np.where(t < 1e-3, 0.0, t * t * (3.0 - 2.0 * t))
@@ -136,7 +136,7 @@ def fit_by_joint(
     count: int = 48,
     seed: int = 0,
 ) -> Array:
-    """Return correctives (V, 3, 207) that give the wanted rest offsets if only one joint rotates.
+    """Fit correctives (V, 3, 207) that give the wanted rest offsets if only one joint rotates.
 
     Args:
         names: joints to fit. Each right joint mirrors its left one.
@@ -166,7 +166,7 @@ def fit_by_joint(
 
 
 def without_slight(directions: Array) -> Array:
-    """Return correctives (V, 3, 207) without the rows and values that hardly move the skin."""
+    """Return correctives (V, 3, 207) without the rows and values that move the skin by less than 0.15 mm."""
     blocks = directions.reshape(len(directions), 3, -1, 9)
     slight = np.sqrt(np.square(blocks).sum(axis=1)).max(axis=2) < _SLIGHT_M
     directions = np.where(slight[:, None, :, None], 0.0, blocks).reshape(directions.shape)
@@ -201,14 +201,14 @@ def _wanted_offsets(
 
 
 def masked_to_rest(mask: Array, target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return ``to_rest`` where the mask (V,) is positive, and 0 elsewhere."""
+    """Return the offsets of ``to_rest`` for vertices with a positive mask (V,), and 0 for all others."""
     out, chosen = np.zeros_like(vertices), mask > 0
     out[chosen] = to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
     return out
 
 
 def swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
-    """Return offsets (V, 3) in metres along the normals of stretched skin. They restore the rest volume."""
+    """Return offsets (V, 3) in metres that restore the rest volume by moving stretched skin along its normals."""
     areas = vertex_areas(posed, faces)
     share = mask * (areas / vertex_areas(vertices, faces) - 0.7).clip(0.0, 0.8)
     lost = volume(vertices, faces) - volume(posed, faces)
@@ -218,7 +218,7 @@ def swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
 
 
 def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
-    """Where posed skin (V, 3) is stretched, move it to the mean of its neighbours, weighted by ``share``."""
+    """Move stretched vertices of the posed skin (V, 3) to the mean of their neighbours, weighted by ``share``."""
     stretch = vertex_areas(posed, faces) / vertex_areas(vertices, faces)
     pull = share * ((stretch - _TAUT_FROM) / (_TAUT_AT - _TAUT_FROM)).clip(0.0, 1.0)
     if not pull.any():
@@ -230,7 +230,7 @@ def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
 
 
 def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array, share: Array) -> Array:
-    """Move vertices (V, 3) that are beyond the bisecting plane of a bend back to that plane.
+    """Move posed vertices that have crossed the bisecting plane of a bend back to that plane.
 
     Args:
         vertices: (V, 3) rest vertices in metres.
@@ -249,7 +249,7 @@ def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array
 
 
 def _mirrored(directions: Array, mirror: Array) -> Array:
-    """Return the correctives of the mirror image. Their x is negated."""
+    """Mirror correctives: exchange left and right vertices and joints, and negate x."""
     blocks = directions[mirror].reshape(len(directions), 3, -1, 3, 3)
     order = [MIRROR_JOINT[j] - 1 for j in range(1, len(PARENTS))]
     turned = blocks[:, :, order] * FLIP[:, None] * FLIP

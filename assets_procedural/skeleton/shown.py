@@ -4,7 +4,7 @@ The solver uses the body file's correctives, which do not change. The skin in Bl
 linearly blended skin is smoothed over a few centimetres, like the rest skin. Then the difference between the rest skin
 and its smoothed copy is added again in rotated frames (delta mush, Mancewicz, Derksen, Rijpkema and Wilson 2014).
 Correctives are linear in the pose features, so they only approximate this target. Each further round poses the skin
-with the correctives found so far, and fits what it still lacks: both sides of a bent elbow or knee end where they
+with the correctives found so far, and fits the remaining differences: both sides of a bent elbow or knee end where they
 touch, an arm at the side does not enter the ribs, and skin moves along smoothed gradients until volume and surface are
 closer to the rest skin's.
 """
@@ -85,13 +85,13 @@ class DeltaMush:
         self._size = np.trace(self._spread(self._smooth), axis1=1, axis2=2)[:, None, None]
 
     def smooth(self, values: Array) -> Array:
-        """Return values (V, ...) smoothed over the radius."""
+        """Smooth values (V, ...) on the mesh over the radius."""
         for _ in range(2):
             values = self._solve(self._mass @ values)
         return values
 
     def __call__(self, posed: Array) -> Array:
-        """Return the posed skin (V, 3), smoothed and with its details."""
+        """Return the posed skin (V, 3), smoothed and with the rest skin's details added."""
         smooth = self.smooth(posed)
         normals = vertex_normals(smooth, self._faces)
         spread = self._spread(smooth) + self._size * normals[:, :, None] * self._normals[:, None]
@@ -154,7 +154,7 @@ def shown_correctives(
 
 
 def _restored(vertices: Array, posed: Array, faces: Array, mask: Array, mush: DeltaMush, way: _Way) -> Array:
-    """Move skin along smoothed gradients of volume and surface, part of the way to their rest values."""
+    """Move skin along smoothed gradients of volume and surface area, part of the way to their rest values."""
     shares, rest_areas = np.array([way.volume, way.surface]), vertex_areas(vertices, faces)
     used = np.flatnonzero(shares)
     if not len(used):
@@ -178,7 +178,7 @@ def _restored(vertices: Array, posed: Array, faces: Array, mask: Array, mush: De
 
 
 def _area_gradient(vertices: Array, faces: Array) -> Array:
-    """Return the (V, 3) derivatives of the surface by the vertices in metres."""
+    """Return the derivatives (V, 3) of the surface area by the vertex positions, in metres."""
     normals, out = face_normals(vertices, faces), np.zeros_like(vertices)
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15)
     for k in range(3):

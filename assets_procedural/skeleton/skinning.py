@@ -38,7 +38,7 @@ def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
 
 
 def bone_segments(joints: np.ndarray) -> list[list[Segment]]:
-    """Return the line segments whose surrounding skin each joint moves."""
+    """Return the line segments (bones) of each joint. A joint moves the skin around its segments."""
 
     def at(name: str, *offset: float) -> np.ndarray:
         return joints[JOINT[name]] + (np.array(offset) if offset else 0.0)
@@ -65,10 +65,10 @@ def fit_regressor(
     mirror: Array,
     mirror_joint: tuple[int, ...] = MIRROR_JOINT,
 ) -> Array:
-    """Return the regressor (J, V) for which ``J v = joints`` and ``J shapedirs = joint_dirs``.
+    """Fit the joint regressor J (J, V) with ``J v = joints`` and ``J vertex_dirs = joint_dirs``.
 
-    If non-negative weights reproduce a joint to 0.01 mm, they are used. The smallest signed weights near the joint are
-    added to make joints and components exact. Otherwise all weights are the smallest signed ones.
+    Non-negative weights are used for joints that they reproduce to 0.01 mm. Small signed weights near the joint are
+    then added, so that joints and components are exact. The other joints get only signed weights of the smallest norm.
 
     Args:
         vertex_dirs: (V, 3, C) derivatives of the vertices by C shapes.
@@ -120,7 +120,10 @@ _LEFT_LEG = ("left_hip", "left_knee", "left_ankle", "left_foot")
 
 
 def heat_weights(vertices: Array, faces: Array, mirror: Array, joints: Array) -> Array:
-    """Return weights (V, 24) from ``(L + H) w_j = H p_j``, where p_j marks the skin that is nearest to bone j."""
+    """Return skinning weights (V, 24) from ``(L + H) w_j = H p_j`` (Baran and Popovic 2007).
+
+    L is the cotangent Laplacian, H the heat from the nearest bones, and p_j marks the skin nearest to bone j.
+    """
     weights = heat_shares(vertices, faces, _bone_distances(vertices, bone_segments(joints)))
     weights = 0.5 * (weights + weights[mirror][:, list(MIRROR_JOINT)])
     return _keep_strongest(weights)
@@ -185,13 +188,13 @@ def vertex_areas(vertices: Array, faces: Array) -> Array:
 
 
 def volume(vertices: Array, faces: Array) -> float:
-    """Return the signed volume in cubic metres."""
+    """Return the signed volume of a closed mesh in cubic metres."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return float(np.einsum("fa,fa->", a, np.cross(b, c))) / 6.0
 
 
 def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PARENTS) -> tuple[Array, Array]:
-    """Return the rotation and the translation ``t`` of each bone in the world.
+    """Return the rotation (J, 3, 3) and the translation (J, 3) of each bone, which map rest to world positions.
 
     Args:
         joints: (J, 3) rest joints in metres.
@@ -214,12 +217,12 @@ def posed_joints(joints: Array, rotations: Array) -> Array:
 
 
 def linear_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return the linearly blended vertices (V, 3) in metres."""
+    """Skin vertices (V, 3) by linear blending of the bones' rotations and translations, in metres."""
     blend = (weights @ turns.reshape(len(turns), 9)).reshape(-1, 3, 3)
     return np.einsum("vab,vb->va", blend, vertices) + weights @ shifts
 
 
 def vertex_normals(vertices: Array, faces: Array) -> Array:
-    """Return unit normals (V, 3), weighted by face area."""
+    """Return unit vertex normals (V, 3): the normalised sum of face normals weighted by area."""
     out = normal_sums(vertices, faces)
     return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-15)

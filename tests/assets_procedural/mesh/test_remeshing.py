@@ -66,7 +66,7 @@ def test_mirrored_half_is_one_closed_sphere(remeshed: tuple[Array, Array]) -> No
 def test_open_mesh_is_refused(remeshed: tuple[Array, Array]) -> None:
     vertices, faces = remeshed
     assert euler_number(faces, len(vertices)) == 1
-    with pytest.raises(BodyInvalid, match="open with Euler number 1; one closed surface with 2"):
+    with pytest.raises(BodyInvalid, match="open with Euler number 1. One closed surface with 2"):
         check_closed(faces, len(vertices))
 
 
