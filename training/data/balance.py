@@ -15,7 +15,10 @@ _SMALL_SQUARE = 1e-8  # Squared angle in rad² below which a series is exact in 
 
 
 def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
-    """Return ``cos|v| a + sin|v| v/|v|``, the point reached from ``a`` along the tangent ``v`` (thesis 6.2.3)."""
+    """Return the point on the unit sphere reached from ``a`` along the tangent ``v`` (thesis 6.2.3).
+
+    ``cos|v| a + sin|v| v/|v|``
+    """
     xp = array_namespace(a, v)
     square = xp.sum(v * v, axis=-1, keepdims=True)
     small = square < _SMALL_SQUARE
@@ -25,9 +28,10 @@ def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
 
 
 def sphere_log(a: Vectors, b: Vectors) -> Vectors:
-    """Return the tangent vector at ``a`` that leads to ``b``: ``ψ u/|u|`` with ``u = b - (a·b) a`` (thesis 6.2.3).
+    """Return the tangent vector at ``a`` that leads to ``b`` on the unit sphere (thesis 6.2.3).
 
-    At ``b = -a``, it is a fixed vector of length π that is orthogonal to ``a``.
+    ``ψ u/|u|`` with ``u = b - (a·b) a``, where ψ is the angle between a and b. At ``b = -a``, the result is a fixed
+    vector of length π that is orthogonal to ``a``.
     """
     xp = array_namespace(a, b)
     gap, sum_ = b - a, b + a
@@ -44,15 +48,15 @@ def sphere_log(a: Vectors, b: Vectors) -> Vectors:
 
 
 def lerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
-    """Return ``(1 - t) a + t b`` for vectors a, b (..., d) and times t (scalar or (...)). Reference: thesis eq. 4.8."""
+    """Interpolate vectors a, b (..., d) linearly at times t (scalar or (...)): ``(1 - t) a + t b`` (thesis eq. 4.8)."""
     t = constant(t, a)[..., None]
     return (1.0 - t) * a + t * b
 
 
 def squad(a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Times) -> Vectors:
-    """Return the spherical quadrangle ``SLERP(SLERP(a, b, t), SLERP(control_a, control_b, t), 2t(1 - t))``.
+    """Interpolate unit vectors by SQUAD: ``SLERP(SLERP(a, b, t), SLERP(control_a, control_b, t), 2t(1 - t))``.
 
-    Segments whose controls come from ``squad_controls`` join with continuous velocity (C1).
+    With the controls from ``squad_controls``, consecutive segments join with continuous velocity (C1).
 
     Args:
         a: (..., d) unit vector at t = 0.
@@ -64,14 +68,14 @@ def squad(a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Tim
     Returns:
         (..., d) unit vectors.
 
-    Reference: Shoemake 1987; thesis eq. 4.10.
+    Reference: Shoemake 1987, thesis eq. 4.10.
     """
     t = constant(t, a)
     return slerp(slerp(a, b, t), slerp(control_a, control_b, t), 2.0 * t * (1.0 - t))
 
 
 def squad_controls(keys: Keys) -> Keys:
-    """Return each key's inner control: ``exp(-(log to the next + log to the previous)/4)`` at the key.
+    """Return the inner control of each key for SQUAD: ``exp(-(log to the next + log to the previous)/4)`` at the key.
 
     Args:
         keys: (..., N, d) unit vectors, N >= 2. The first and the last are their own controls.
@@ -88,7 +92,7 @@ def squad_controls(keys: Keys) -> Keys:
 
 
 def bezier(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
-    """Return the cubic Bézier curve ``(1-t)³ a + 3(1-t)² t b + 3(1-t) t² c + t³ d``.
+    """Return points on the cubic Bézier curve ``(1-t)³ a + 3(1-t)² t b + 3(1-t) t² c + t³ d``.
 
     Args:
         a: (..., n) start. b and c are (..., n) controls, and d is the (..., n) end.
@@ -105,7 +109,7 @@ def bezier(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
 
 
 def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
-    """Return a span of the uniform cubic B-spline. Consecutive spans have C2 continuity where they join.
+    """Return points on one span of the uniform cubic B-spline. Consecutive spans join with C2 continuity.
 
     ``((1-t)³ a + (3t³ - 6t² + 4) b + (-3t³ + 3t² + 3t + 1) c + t³ d)/6``.
 
@@ -116,7 +120,7 @@ def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors
     Returns:
         (..., n) points, in general off the sphere and through none of the controls.
 
-    Reference: thesis eq. 4.12; de Boor 1978.
+    Reference: thesis eq. 4.12, de Boor 1978.
     """
     t = constant(t, a)[..., None]
     of_b, of_c = (3.0 * t - 6.0) * t**2 + 4.0, ((3.0 - 3.0 * t) * t + 3.0) * t + 1.0
@@ -138,7 +142,7 @@ class CodeStatistics:
 
     @classmethod
     def of(cls, codes: np.ndarray) -> CodeStatistics:
-        """Estimate from (N, d) codes.
+        """Estimate the statistics of (N, d) codes.
 
         Raises:
             NonFiniteData: a code is not finite, or there are fewer than two codes.
@@ -148,9 +152,9 @@ class CodeStatistics:
         return cls(codes.mean(axis=0), np.linalg.pinv(np.cov(codes, rowvar=False), hermitian=True))
 
     def mahalanobis(self, codes: np.ndarray) -> np.ndarray:
-        """Return the distances ``sqrt((z - μ)ᵀ Σ⁻¹ (z - μ))`` (N,) of codes (N, d), without a unit.
+        """Return the Mahalanobis distances ``sqrt((z - μ)ᵀ Σ⁻¹ (z - μ))`` (N,) of codes z (N, d).
 
-        Reference: Mahalanobis 1936; thesis eq. 4.2.
+        Reference: Mahalanobis 1936, thesis eq. 4.2.
         """
         difference = codes - self.mean
         return np.sqrt(np.maximum(((difference @ self.precision) * difference).sum(axis=-1), 0.0))
@@ -171,12 +175,15 @@ def reconstruction_error(joints: np.ndarray, decoded: np.ndarray) -> np.ndarray:
 
 
 def sigmoid_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
-    """Return ``1 + 2 (sigmoid(ε/φ) - 1/2)``, 1 to 2 (thesis eq. 4.4). See ``exponential_relevance`` for ε and φ."""
+    """Return each pose's relevance from 1 to 2: ``1 + 2 (sigmoid(ε/φ) - 1/2)`` (thesis eq. 4.4).
+
+    See ``exponential_relevance`` for ε and φ.
+    """
     return 1.0 + np.tanh(0.5 * np.asarray(epsilon) / scale)
 
 
 def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
-    """Return ``exp(ε/φ)``, limited to 3 (thesis eq. 4.5).
+    """Return each pose's relevance from 1 to 3: ``exp(ε/φ)``, limited to 3 (thesis eq. 4.5).
 
     Args:
         epsilon: (N,) rarity ε of each pose, measured by ``CodeStatistics.mahalanobis`` or ``reconstruction_error``.
@@ -189,13 +196,14 @@ def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
 def sample_tail(
     anchors: np.ndarray, count: int, seed: int, *, blend: Blend = "slerp", sigma: float = 0.05
 ) -> np.ndarray:
-    """Blend noisy anchors: two for LERP and SLERP (thesis eq. 4.13), four for the other blends (eq. 4.7).
+    """Draw codes of new rare poses by blending noisy anchors: two (thesis eq. 4.13) or four (eq. 4.7) per code.
 
-    Spherical blends act on the anchors' directions. Lengths are blended linearly, so that codes on a sphere stay on it
-    and Gaussian codes keep their scale. SQUAD uses its third and fourth anchors as inner controls (eq. 4.10).
+    LERP and SLERP blend two anchors. Spherical blends act on the anchors' directions. Lengths are blended linearly, so
+    that codes on a sphere remain on it and Gaussian codes keep their scale. SQUAD uses its third and fourth anchors as
+    inner controls (eq. 4.10).
 
     Args:
-        anchors: (A, d) codes of tail poses, whose relevance is above a threshold (eq. 4.6).
+        anchors: (A, d) codes of rare poses, with a relevance above a threshold (eq. 4.6).
         count: number of codes to draw.
         seed: seed of all draws.
         blend: blending method.
@@ -219,7 +227,7 @@ def sample_tail(
 
 
 def blended(keys: np.ndarray, share: np.ndarray, blend: Blend) -> np.ndarray:
-    """Return blends (N, d) of codes (N, 2 or 4, d) at the positions ``share`` (N,) in 0..1."""
+    """Blend codes (N, 2 or 4, d) at the positions ``share`` (N,) in 0..1, and return codes (N, d)."""
     points = [keys[:, k] for k in range(keys.shape[1])]
     if blend == "lerp":
         return lerp(points[0], points[1], share)

@@ -20,7 +20,7 @@ from training.data.sources.clips import KEYED, UNKNOWN, Clip
 HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})  # Subjects not used in training.
 NEAR_REPEAT_M = 0.012  # Poses closer than this are repeats. The distance is the root mean square over the joints.
 KEYED_REPEATS = 4
-"""Weight of each pose in a hand-keyed animation. There are few such poses, and recordings lack some of them."""
+"""Weight of each pose of a hand-keyed animation. There are few of these poses, and recordings lack some of them."""
 SIMPLIFIED = "jump"  # Source whose skeleton has no separate hands, toes and head.
 SIMPLIFIED_EVERY = 4  # Of its distinct poses, only every n-th is used.
 _SAME_TAKE_M = 0.004  # Poses closer than this, in metres, come from the same frame. Chosen by hand.
@@ -28,7 +28,7 @@ _SAME_TAKE_M = 0.004  # Poses closer than this, in metres, come from the same fr
 
 @dataclass(frozen=True)
 class Corpus:
-    """Concatenated clips for one side of the split."""
+    """Concatenated clips of the training side or the validation side."""
 
     rotations: np.ndarray  # (N, 21, 3, 3) local rotations, float32.
     clip_start: np.ndarray  # (N,) first frame of the clip that each frame belongs to.
@@ -40,7 +40,7 @@ class Corpus:
 
     @property
     def num_frames(self) -> int:
-        """Number of frames, including duplicates."""
+        """Number N of frames, including near-repeats."""
         return len(self.rotations)
 
     def some_distinct(self, most: int) -> np.ndarray:
@@ -57,7 +57,7 @@ class Corpus:
         """(N,) index of the person in each frame.
 
         Each hand-keyed clip counts as a separate person, because its poses do not repeat in other clips. All unknown
-        people of a source count as one person.
+        people in one source count as the same person.
         """
         named = zip(self.names, self.subjects, strict=True)
         who = [name if who == KEYED else name.split("/")[0] if who == UNKNOWN else who for name, who in named]
@@ -90,7 +90,7 @@ def absent_subjects(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_
 
 
 def check_sides(training: list[Clip], validation: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> None:
-    """Check that both sides of the split contain people.
+    """Check that both the training side and the validation side contain people.
 
     Raises:
         FileMissing: there is no person to train on, or none to validate on.
@@ -108,7 +108,7 @@ def check_sides(training: list[Clip], validation: list[Clip], held_out_subjects:
 
 
 def build_corpus(clips: list[Clip]) -> Corpus:
-    """Concatenate clips, and find the distinct poses."""
+    """Concatenate clips to a corpus, and find its distinct poses."""
     rotations = np.concatenate([clip.rotations for clip in clips])
     ends = np.cumsum([len(clip.rotations) for clip in clips])
     lengths = [len(clip.rotations) for clip in clips]
@@ -128,7 +128,9 @@ def _root(clip: Clip) -> np.ndarray:
 
 
 def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np.ndarray:
-    """Return the indices of poses that have all others within ``radius`` (leader clustering in temporal order).
+    """Select poses so that each pose is within ``radius`` of a selected one, and return their indices.
+
+    Uses leader clustering in temporal order.
 
     Args:
         features: (N, d) features, compared by Euclidean distance.
@@ -152,7 +154,7 @@ def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np
 
 
 def _features(rotations: np.ndarray) -> np.ndarray:
-    """Return scaled joint positions (N, 69), whose Euclidean distance is the RMS distance of 23 joints in metres."""
+    """Return scaled joint positions (N, 69). Their Euclidean distance is the RMS distance of 23 joints in metres."""
     joints = rotation_points(rotations.astype(np.float32))[:, 1:NUM_JOINTS]
     return (joints / np.sqrt(joints.shape[1])).reshape(len(joints), -1)
 
@@ -183,10 +185,10 @@ EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
     SMPL.numbers("neck", "head"),
     SMPL.numbers("spine1", "spine2", "spine3"),
 )
-"""Joints that are exchanged together: left arm, right arm, both legs, left leg, right leg, head, spine."""
+"""Joints that poses exchange together: left arm, right arm, both legs, left leg, right leg, head, spine."""
 EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
 CLEARANCE_M = 0.07
-"""Distance in metres from trunk or legs below which an arm joint of an exchanged pose penetrates them."""
+"""Smallest distance in metres between an arm joint of an exchanged pose and the bones of trunk, head and legs."""
 LIMIT_SHARE = (0.6, 1.0)  # Range of the position to which a joint is moved, as fractions of its limits.
 MOVED_JOINTS = 2  # Number of joints that are moved towards their limits in each window.
 _ALLOWED_DEG = 10.0  # Degrees by which a joint may exceed its limits. Chosen by hand.
@@ -221,13 +223,13 @@ def mirrored(rotations: torch.Tensor) -> torch.Tensor:
 
 
 def maybe_mirrored(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Mirror half of the windows (B, K, 21, 3, 3)."""
+    """Mirror about half of the windows (B, K, 21, 3, 3), chosen at random."""
     chosen = torch.rand(len(windows), 1, 1, 1, 1, generator=generator) < 0.5
     return torch.where(chosen, mirrored(windows), windows)
 
 
 def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: float) -> torch.Tensor:
-    """In some of the windows (B, K, 21, 3, 3), replace limbs by limbs from other windows, possibly mirrored."""
+    """Replace limbs in some windows (B, K, 21, 3, 3) by limbs of other windows, possibly mirrored."""
     count = len(windows)
     any_chance = torch.rand(count, generator=generator) < chance
     out, windows = windows.clone(), maybe_mirrored(windows, generator)
@@ -241,7 +243,7 @@ def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: f
 
 
 def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Rotate each joint in each window randomly: collars 5°, wrists 12°, neck, head and spine 3°, others 1.5°."""
+    """Rotate each joint in each window by a random angle (collars 5°, wrists 12°, head and spine 3°, others 1.5°)."""
     sigma = torch.full((NUM_BODY_JOINTS, 1), math.radians(1.5))
     for joints, degrees in (_COLLARS, 5.0), (_WRISTS, 12.0), (_MIDLINE, 3.0):
         sigma[[joint - 1 for joint in joints]] = math.radians(degrees)
@@ -251,10 +253,10 @@ def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Te
 
 
 def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """In each window (B, K, 21, 3, 3), move two joints towards an end of one of their ranges.
+    """Move two joints in each window (B, K, 21, 3, 3) towards an end of one of their ranges.
 
     One of the joint's three angles (swing across the bone, or twist about it) gets 60 to 100 % of its range on either
-    side, in the middle frame of the window. The motion of the joint within the window is kept.
+    side, in the middle frame of the window. The joint keeps its motion within the window.
     """
     count, frames = windows.shape[:2]
     if count == 0:
@@ -276,13 +278,13 @@ def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tens
 
 
 def within_reach(angles: torch.Tensor) -> torch.Tensor:
-    """Return angles (..., 21, 3) in radians, reduced where all three together exceed the joint's largest limit."""
+    """Scale a joint's angles (..., 21, 3) in radians down if their norm exceeds the joint's largest limit."""
     length, reach = torch.linalg.vector_norm(angles, dim=-1), _REACH.to(angles.dtype)
     return angles * (reach / torch.maximum(length, reach))[..., None]
 
 
 def beyond_reach(poses: torch.Tensor) -> torch.Tensor:
-    """Return a mask (N,) of the poses (N, 21, 3, 3) in which a joint is more than 10 degrees beyond its range."""
+    """Return a mask (N,) of the poses (N, 21, 3, 3) with a joint more than 10 degrees beyond its range."""
     return (excess_deg(poses) > _ALLOWED_DEG).any(dim=1)
 
 
@@ -314,10 +316,10 @@ _LIMITS = torch.as_tensor(JOINT_LIMITS, dtype=torch.float32)
 
 
 def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Rotate limbs in windows (B, K, 21, 3, 3) within their joint limits, using one draw of angles per window.
+    """Rotate limbs in windows (B, K, 21, 3, 3) within their joint limits, by the same angles in all frames of a window.
 
-    A normal draw of ``LIMB_SPREAD`` times the range is added to each of a joint's three angles (swing across the bone
-    and twist about it). The range limits the result. The motion of the joint within the window is kept.
+    Each of a joint's three angles (swing across the bone and twist about it) changes by a normal draw, with a standard
+    deviation of ``LIMB_SPREAD`` times the range. The result is limited to the range.
     """
     count = len(windows)
     chosen = torch.rand(count, len(LIMBS), generator=generator) < LIMB_CHANCE
@@ -332,9 +334,9 @@ def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Ten
 
 
 def ends_reaching(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Move ankles, toes and wrists in windows (B, K, 21, 3, 3) by a random amount, up to an end of their range.
+    """Rotate ankles, toes and wrists in windows (B, K, 21, 3, 3) by a random angle, up to an end of their range.
 
-    One of the joint's three angles moves, to either side. It reaches the drawn angle in the middle frame of the window.
+    One of the joint's three angles changes, to either side. It reaches the drawn angle in the window's middle frame.
     """
     count, ends = len(windows), torch.tensor(ENDS) - 1
     joints = torch.zeros(count, NUM_BODY_JOINTS, dtype=torch.bool)
@@ -363,19 +365,19 @@ MAX_SPACING = 9  # Largest distance between adjacent keys in frames at 30 Hz (0.
 
 @dataclass(frozen=True)
 class WindowBatch:
-    """A batch of B windows."""
+    """A batch of B windows: short pieces of motion with three keys and one frame between them."""
 
-    rotations: torch.Tensor  # (B, 4, 21, 3, 3) rotations of keys at 0, 1/2 and 1, and of a frame in between.
-    time: torch.Tensor  # (B,) time of the frame in between, 0..1.
+    rotations: torch.Tensor  # (B, 4, 21, 3, 3) rotations of the keys at times 0, 1/2 and 1, and of another frame.
+    time: torch.Tensor  # (B,) time of the other frame, 0..1.
 
     def to(self, device: torch.device) -> WindowBatch:
-        """Move the batch to a device."""
+        """Copy the batch to a device."""
         return WindowBatch(self.rotations.to(device), self.time.to(device))
 
 
 @dataclass(frozen=True)
 class WindowSampler:
-    """Draws windows around the distinct poses of a corpus."""
+    """Draws augmented windows of motion around the distinct poses of a corpus."""
 
     rotations: torch.Tensor
     clip_start: torch.Tensor
@@ -384,12 +386,12 @@ class WindowSampler:
     exchange_chance: float = 0.6
     variation_chance: float = 0.7
     limit_chance: float = 0.15
-    turned_chance: float = 0.0  # Fraction of windows whose limbs are rotated within anatomical limits.
-    end_chance: float = 0.0  # Fraction of windows whose ankles, toes and wrists are moved towards their limits.
+    turned_chance: float = 0.0  # Fraction of windows with limbs rotated within anatomical limits.
+    end_chance: float = 0.0  # Fraction of windows with ankles, toes and wrists rotated towards their limits.
 
     @classmethod
     def of(cls, corpus: Corpus, *, turned_chance: float = 0.0, end_chance: float = 0.0) -> WindowSampler:
-        """Convert a corpus to torch tensors."""
+        """Create a sampler for a corpus, with its arrays as torch tensors."""
         rotations, start, end, distinct = (
             torch.as_tensor(np.ascontiguousarray(a))
             for a in (corpus.rotations, corpus.clip_start, corpus.clip_end, corpus.distinct)
@@ -397,7 +399,7 @@ class WindowSampler:
         return cls(rotations, start, end, distinct, turned_chance=turned_chance, end_chance=end_chance)
 
     def draw(self, count: int, generator: torch.Generator) -> WindowBatch:
-        """Return ``count`` augmented windows. Each has one frame spacing, which is reduced at the end of its clip."""
+        """Draw ``count`` augmented windows. The random spacing of a window's frames is reduced at the end of a clip."""
         middle = self.distinct[torch.randint(len(self.distinct), (count,), generator=generator)]
         room = torch.minimum(middle - self.clip_start[middle], self.clip_end[middle] - 1 - middle)
         spacing = torch.minimum(torch.randint(1, MAX_SPACING + 1, (count,), generator=generator), room)

@@ -37,7 +37,7 @@ class _Tree:
 
 
 def rotation_points(rotations: Array) -> Array:
-    """Return the joints and axis tips of poses whose pelvis is at the origin and not rotated.
+    """Return the joints and axis tips of poses, with the pelvis at the origin and without rotation.
 
     Args:
         rotations: (N, 21, 3, 3) local rotations.

@@ -23,21 +23,21 @@ class Autoencoder(Protocol):
     """A network that encodes and decodes poses."""
 
     def eval(self) -> object:
-        """Switch to evaluation mode."""
+        """Switch to evaluation mode (no dropout)."""
         ...
 
     def encode(self, rotations: torch.Tensor) -> torch.Tensor:
-        """Return the codes of poses (N, 21, 3, 3)."""
+        """Encode poses (N, 21, 3, 3) to codes (N, d)."""
         ...
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
-        """Decode codes to poses (N, 21, 3, 3)."""
+        """Decode codes (N, d) to poses (N, 21, 3, 3)."""
         ...
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Reconstruction errors of poses, for joints 0..23 of ``rest_skeleton`` with a fixed pelvis."""
+    """Reconstruction errors of poses, for 24 joints with a fixed pelvis (see ``rotation_points``)."""
 
     mpjpe_mm: float  # Mean distance between joints.
     worst5_mpjpe_mm: float  # Mean distance between joints in the worst 5 % of the poses.
@@ -45,7 +45,7 @@ class Accuracy:
     angle_deg: float  # Mean angle between local rotations.
 
     def as_dict(self) -> dict[str, float]:
-        """Return the values by name."""
+        """Return the errors as a dict by name."""
         return {key: float(value) for key, value in asdict(self).items()}
 
 
@@ -88,15 +88,15 @@ def joint_distances(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
 
 
 def residual_rotvecs(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
-    """Return left rotations (N, 21, 3) from the reconstruction to the truth, ``exp(r) R_decoded = R_true``."""
+    """Return rotation vectors r (N, 21, 3) from the reconstruction to the truth: ``exp(r) R_decoded = R_true``."""
     return log_so3(truth @ np.swapaxes(decoded, -1, -2))
 
 
 def reconstruction_statistics(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
     """Return standard deviations (21, 3) in radians of true rotations about a prior's reconstruction.
 
-    They are the 68.3rd percentile of the absolute components of ``residual_rotvecs``. This equals the standard
-    deviation of a Gaussian, and takes in which a head or hand is tracked wrongly do not affect it.
+    They are the 68.3rd percentile of the absolute components of ``residual_rotvecs``. For a Gaussian, this is the
+    standard deviation, and a few takes with a wrongly tracked head or hand do not affect it.
     """
     return np.percentile(np.abs(residual_rotvecs(truth, decoded)), 68.27, axis=0)
 
@@ -110,11 +110,12 @@ def autoencoder_arrays(
 
 
 def pose_loss(truth: torch.Tensor, decoded: torch.Tensor, weight: torch.Tensor, orthogonality: float) -> torch.Tensor:
-    """Return ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))`` of poses (N, 21, 3, 3). Distances are in dm.
+    """Return the reconstruction loss of poses: ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))``.
 
-    L_rec: points represent the vertices of the mesh. They are the joints, and tips on the axes of each joint's frame.
-    L_orth: the thesis prints ``cos = (Tr - 1) / 2``, which decreases with the difference, so 1 minus this is minimised.
-    The factor 2 converts the mean over a batch of keys and intermediate frames into the sum of two means.
+    Distances are in dm. The points p are the joints, and tips on the axes of each joint's frame. They represent the
+    vertices of the mesh (L_rec). For L_orth, the thesis prints ``cos = (Tr - 1) / 2``, which decreases with the
+    difference, so 1 minus this is minimised. The factor 2 converts the mean over keys and intermediate frames into the
+    sum of two means.
 
     Args:
         truth: (N, 21, 3, 3) true local rotations.

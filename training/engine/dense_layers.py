@@ -15,7 +15,7 @@ _ACTIVATIONS = {"silu": nn.SiLU, "elu": nn.ELU, "leaky_relu": nn.LeakyReLU}
 
 
 def dense_stack(widths: tuple[int, ...], activation: str) -> nn.Sequential:
-    """Return linear layers with activations in between."""
+    """Return linear layers of the given widths, with activations between them."""
     layers: list[nn.Module] = []
     for number, (before, after) in enumerate(pairwise(widths)):
         layers.append(nn.Linear(before, after))
@@ -30,7 +30,7 @@ def linear_layers(stack: nn.Sequential) -> list[nn.Linear]:
 
 
 def take_over(stack: nn.Sequential, weights: DenseStack) -> None:
-    """Load weights from a file into a stack.
+    """Copy weights from a weight file into a stack of layers.
 
     Raises:
         TrainingMismatch: the layers in the file have other widths.
@@ -58,7 +58,7 @@ def stack_arrays(stack: nn.Sequential, part: str) -> dict[str, np.ndarray]:
 
 
 class AttentionLayer(nn.Module):
-    """Attention with an optional bias, followed by two dense layers. Each part starts with a normalisation."""
+    """Attention with an optional bias, followed by two dense layers. Both parts start with layer normalisation."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -75,12 +75,12 @@ class AttentionLayer(nn.Module):
 
 
 def split_heads(x: torch.Tensor, heads: int) -> torch.Tensor:
-    """Split (B, N, d) into (B, heads, N, d_h)."""
+    """Split features (B, N, d) into attention heads (B, heads, N, d / heads)."""
     return x.unflatten(-1, (heads, -1)).transpose(1, 2)
 
 
 def attention(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, bias: torch.Tensor | None = None) -> torch.Tensor:
-    """Return attention values (B, N, d). All inputs are (B, heads, N, d_h)."""
+    """Return attention values (B, N, d) for queries, keys and values (B, heads, N, d / heads)."""
     if bias is None:
         return nn.functional.scaled_dot_product_attention(q, k, v).transpose(1, 2).flatten(-2)
     scores = q @ k.transpose(-1, -2) * q.shape[-1] ** -0.5 + bias

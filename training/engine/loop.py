@@ -32,7 +32,7 @@ def step_generator(seed: int, step: int, purpose: int = 0) -> torch.Generator:
 
 
 def batches(draw: Draw, seed: int, first: int, last: int, workers: int) -> Iterator[Any]:
-    """Yield the batches of steps ``first`` to ``last - 1``, drawn here or in advance by ``workers`` processes."""
+    """Yield the batches of steps ``first`` to ``last - 1``, drawn in this process or in advance by ``workers``."""
     if not workers:
         return (draw(step_generator(seed, step)) for step in range(first, last))
     ahead = DataLoader(
@@ -98,7 +98,7 @@ logger = logging.getLogger(__name__)
 
 
 class EventLog:
-    """Writes ``log.jsonl`` and event files to a folder."""
+    """Writes validation figures (``log.jsonl``) and TensorBoard events to a folder."""
 
     def __init__(self, folder: Path, step: int) -> None:
         """Continue after ``step``. Later lines from an interrupted run are removed, so that no step appears twice."""
@@ -110,25 +110,24 @@ class EventLog:
         self._events = _summary_writer(folder, step)
 
     def figures(self, step: int, figures: dict[str, float]) -> None:
-        """Append the figures from a validation."""
+        """Append the validation figures of a step to both logs."""
         with self._path.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps({"step": step, **figures}) + "\n")
         self.scalars(step, {f"validation/{name}": value for name, value in figures.items() if name != "loss"})
 
     def scalars(self, step: int, scalars: dict[str, float]) -> None:
-        """Add points to the curves in TensorBoard."""
+        """Add a point to each TensorBoard curve."""
         for name, value in scalars.items():
             if self._events is not None:
                 self._events.add_scalar(name, value, step)
 
     def close(self) -> None:
-        """Write buffered data and close the files."""
+        """Write buffered events, and close the TensorBoard file."""
         if self._events is not None:
             self._events.close()
 
 
 def _summary_writer(folder: Path, step: int) -> Any:
-    """Return TensorBoard's writer, or None if TensorBoard is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
@@ -143,7 +142,7 @@ _FREE = ("checkpoint_s", "workers")  # Settings that do not affect weights, so t
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """Settings of a training, such as duration and learning rate."""
+    """Settings of a training run, such as duration and learning rate."""
 
     steps: int = 6000  # Total number of gradient steps.
     batch: int = 256  # Number of windows per step.
@@ -158,15 +157,15 @@ class TrainingSettings:
     device: str = "cpu"
     """``cpu`` or ``cuda``. Both draw on the CPU with equal results, except dropout and the view lifter's windows."""
     workers: int = 0
-    """Processes that prepare batches. With 0, the network waits for every batch. Batches do not depend on it."""
+    """Processes that prepare batches, or 0 for none. Batches do not depend on it."""
 
 
 class Task(Protocol):
-    """A model to train, its loss and its validation."""
+    """Interface of a training task: a model, its batches, its loss and its validation."""
 
     @property
     def model(self) -> nn.Module:
-        """The network that contains the trained parameters."""
+        """The network with the parameters to train."""
         ...
 
     def draw(self, generator: torch.Generator) -> Any:
@@ -237,7 +236,6 @@ class _TrainingRun:
 
     @property
     def learning_rate(self) -> float:
-        """Learning rate for the next step."""
         return self.settings.learning_rate * _schedule(self.step, self.settings.steps)
 
     @property
@@ -246,7 +244,6 @@ class _TrainingRun:
         return self.averaged if self.settings.device == "cpu" else copy.deepcopy(self.averaged).cpu()
 
     def advance(self, batch: Any) -> None:
-        """Take one step."""
         for group in self.optimizer.param_groups:
             group["lr"] = self.learning_rate
         loss = self.task.loss(batch, step_generator(self.settings.seed, self.step, 1))
@@ -277,7 +274,6 @@ class _TrainingRun:
             )
 
     def save(self) -> None:
-        """Write the checkpoint. The file is complete or is not written."""
         state = {
             "settings": asdict(self.settings),
             "step": self.step,
@@ -292,7 +288,6 @@ class _TrainingRun:
         self.saved_at = time.monotonic()
 
     def resume(self) -> None:
-        """Load the last checkpoint, if there is one."""
         if not self.checkpoint.is_file():
             return
         try:
@@ -325,7 +320,7 @@ class _TrainingRun:
 
 
 def _schedule(step: int, steps: int) -> float:
-    """Return the factor of the learning rate: a linear warm-up over 2 % of the steps, then a cosine down to 1 %."""
+    """Return the learning rate's factor: a linear warm-up over 2 % of the steps, then a cosine down to 1 %."""
     warm = max(1, steps // 50)
     if step < warm:
         return (step + 1) / warm

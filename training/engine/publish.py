@@ -57,7 +57,7 @@ _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct pose
 
 @dataclass(frozen=True)
 class Card:
-    """Texts to add to a model card."""
+    """Texts of a model card that differ between priors."""
 
     title: str  # Name of the prior in the title.
     summary: str  # Short description.
@@ -67,7 +67,7 @@ class Card:
 
 
 def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
-    """Write the card next to the weights.
+    """Write a prior's model card as a Markdown file.
 
     Args:
         path: path of the card.
@@ -112,7 +112,7 @@ def _accuracy_table(by_source: dict[str, dict[str, float]]) -> str:
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """Settings for training a prior."""
+    """Data, settings and folders for training one prior."""
 
     training: Corpus
     validation: Corpus
@@ -129,7 +129,7 @@ class TrainingJob:
 
 @dataclass(frozen=True)
 class Finished:
-    """A prior whose training has finished."""
+    """Weight file and figures of a trained prior."""
 
     weights: Path
     metrics: dict[str, float]

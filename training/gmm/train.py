@@ -20,14 +20,14 @@ from training.engine.publish import Card, Finished, TrainingJob, publish
 
 @dataclass(frozen=True)
 class Mixture:
-    """K Gaussians in d dimensions."""
+    """Mixture of K Gaussians in d dimensions."""
 
     weights: np.ndarray  # (K,) component weights.
     means: np.ndarray  # (K, d) means.
     factors: np.ndarray  # (K, d, d) lower Cholesky factors of the covariance matrices.
 
     def log_densities(self, x: np.ndarray) -> np.ndarray:
-        """Return ``log w_k N(x; μ_k, Σ_k)``, shape (N, K), at points (N, d)."""
+        """Return the weighted log density (N, K) of each Gaussian at points (N, d)."""
         columns = []
         for weight, mean, factor in zip(self.weights, self.means, self.factors, strict=True):
             scaled = np.linalg.solve(factor, (x - mean).T)
@@ -102,7 +102,7 @@ is fitted by expectation maximisation to the distinct poses and their mirror ima
 
 
 def train_gmm(job: TrainingJob) -> Finished:
-    """Fit, export and measure the mixture of Gaussians.
+    """Train the Gaussian mixture prior, export its weights and write the model card.
 
     Raises:
         JobInvalid: the device is not the CPU.

@@ -19,7 +19,7 @@ from solver_backend.priors.weights import PriorWeights, write_weights
 
 _GODOT = ("Thumb", "Index", "Middle", "Ring", "Little")
 _GODOT_JOINTS = (("Metacarpal", "Proximal", "Distal", "Tip"), ("Proximal", "Intermediate", "Distal", "Tip"))
-"""Joints of the thumb and of the other fingers. In our body, fingers have no metacarpal joints."""
+"""Joints of the thumb and of the other fingers. In the add-on's body, fingers have no metacarpal joints."""
 _KEYED = ("thumb", "f_index", "f_middle", "f_ring", "f_pinky")
 _KEYED_TIP = 0.8
 """Length of a distal bone relative to the bone before it. The skeleton in the clips ends at the distal joint."""
@@ -37,7 +37,7 @@ _RIGHT = 1
 
 @dataclass(frozen=True)
 class HandPoses:
-    """Hand angles from one source."""
+    """Hand angles from one source, with its licence."""
 
     name: str  # Name of the source.
     licence: str  # Licence and attribution.
@@ -93,7 +93,7 @@ def _keyed(folder: Path) -> HandPoses:
 
 
 def _markers(folder: Path) -> HandPoses:
-    """Return the frames of the finger exercises that show the whole hand."""
+    """Measure the finger angles in the frames of the finger exercises that show all markers."""
     found = []
     for path in sorted((folder / "leap").glob("*.npz")):
         points = marker_points(read_npz(path))[::_MARKER_STRIDE]
@@ -114,7 +114,7 @@ def marker_points(arrays: dict[str, Any]) -> np.ndarray:
 
 
 def _distinct(angles: np.ndarray) -> np.ndarray:
-    """Return rows that differ from each other by at least one degree."""
+    """Return one row of angles for each combination of whole degrees."""
     return angles[np.unique(np.round(np.rad2deg(angles)), axis=0, return_index=True)[1]]
 
 
@@ -134,7 +134,7 @@ RANGES_DEG = {
     "thumb_ip_flexion": (-30.0, 90.0),
 }
 """Active ranges of healthy adults and the hyperextension of supple adults in degrees, rounded outwards (American
-Academy of Orthopaedic Surgeons 1965; Hume et al. 1990), by the end of the angle's name."""
+Academy of Orthopaedic Surgeons 1965, Hume et al. 1990), by the end of the angle's name."""
 OWN_SIGMA_DEG = 5.0  # Smallest independent deviation of each angle, because there are few sources.
 TWIST_SIGMA_DEG = 15.0  # Standard deviation of the thumb's twist, which joint centres do not show.
 HELD = 0.95
@@ -219,9 +219,10 @@ def ranges() -> tuple[np.ndarray, np.ndarray]:
 
 
 def moments(sources: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean (A,) and the covariance (A, A) of equally weighted sources. Each angle gets an added variance.
+    """Return the mean (A,) and the covariance (A, A) of hand angles from equally weighted sources.
 
-    Sources contain right and left hands of people and animators. Differences between their means count as variance.
+    Differences between the sources' means count as variance. Each angle gets an added variance, because there are few
+    sources.
     """
     mean = np.mean([angles.mean(0) for angles in sources], axis=0)
     covariance = np.mean([(angles - mean).T @ (angles - mean) / len(angles) for angles in sources], axis=0)
@@ -237,16 +238,16 @@ def squared_distances(angles: np.ndarray, mean: np.ndarray, covariance: np.ndarr
 
 
 def chi_square(probability: float, dof: int = NUM_ANGLES) -> float:
-    """Return the squared distance within which a ``dof``-dimensional Gaussian has a given probability.
+    """Return the squared Mahalanobis radius that contains a given probability of a ``dof``-dimensional Gaussian.
 
-    ``n (1 - 2/(9n) + z √(2/(9n)))³`` (Wilson and Hilferty 1931), accurate to a hundredth.
+    ``n (1 - 2/(9n) + z √(2/(9n)))³`` with n = ``dof`` (Wilson and Hilferty 1931), accurate to a hundredth.
     """
     z = {0.5: 0.0, 0.8: 0.8416, 0.95: 1.6449}[probability]
     return dof * (1 - 2 / (9 * dof) + z * np.sqrt(2 / (9 * dof))) ** 3
 
 
 def _needed(angles: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the factor by which a covariance must be enlarged to contain ``HELD`` of a source's poses."""
+    """Return the factor that a covariance needs to contain ``HELD`` of a source's poses."""
     return float(np.quantile(squared_distances(angles, mean, covariance), HELD)) / chi_square(HELD)
 
 

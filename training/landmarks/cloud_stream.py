@@ -1,4 +1,4 @@
-"""An endless stream of corrupted marker clouds. They are computed on the training device and never stored."""
+"""Endless stream of synthetic, corrupted marker clouds for training. They are computed on the training device."""
 
 from __future__ import annotations
 
@@ -102,12 +102,12 @@ def _levels(parents: tuple[int, ...]) -> list[tuple[list[int], list[int]]]:
 
 
 OTHERS, FREE, PROP = 10, 4, 6
-"""Largest numbers of points at positions of other layouts, of ghosts (random and reflections), and of prop points."""
+"""Largest numbers of points at other layouts' marker positions, of ghost points, and of points on a prop."""
 
 
 @dataclass(frozen=True)
 class SpoiledClouds:
-    """B clouds that have N = 53 + 10 + 4 + 6 slots."""
+    """B corrupted clouds with N = 53 + 10 + 4 + 6 slots for points."""
 
     points: torch.Tensor  # (B, N, 3) points in metres.
     seen: torch.Tensor  # (B, N) mask of slots that contain a point.
@@ -150,7 +150,7 @@ class Corruption:
         )
 
     def _hidden(self, worn: torch.Tensor) -> torch.Tensor:
-        """Return a mask (B, 53) of k hidden markers, where k is uniform. At least one marker stays visible."""
+        """Return a mask (B, 53) of k hidden markers, where k is uniform. At least one marker remains visible."""
         count = len(worn)
         rank = torch.where(worn, torch.rand(worn.shape, device=self.device), 2.0).argsort(1).argsort(1)
         k = torch.randint(self.most_hidden + 1, (count, 1), device=self.device)
@@ -178,7 +178,7 @@ class Corruption:
         return ghosts, there & (torch.rand(count, 1, device=device) < self.ghost_chance)
 
     def gaussian(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-        """Return draws (B, 4, 3) with the mean of the visible points and 1.2 times their deviations (4.25).
+        """Draw ghosts (B, 4, 3) from a Gaussian with the visible points' mean and 1.2 times their deviations (4.25).
 
         Sums of the centred points with standard normal weights have the sample covariance.
         """
@@ -205,7 +205,7 @@ _CHANCES = {"MANIFOLD_53": 0.28, "CMU_41": 0.18, "PLUGIN_GAIT_39": 0.18}
 
 
 def layout_masks(device: str) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return a mask (layouts, P) of the positions in each layout, and cumulative probabilities (layouts,)."""
+    """Return a mask (layouts, P) of the positions in each layout, and the layouts' cumulative probabilities."""
     file = load_layouts()
     masks, chances = [], []
     rest = (1.0 - sum(_CHANCES.values())) / len(file.label_sets)
@@ -247,7 +247,7 @@ DOMINANT = 3  # Number of leading shape coefficients that 4.21 may replace.
 def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance: float = 0.5) -> torch.Tensor:
     """Shift all coefficients of shapes (B, 10) by one number (4.20), and redraw up to three of the first ones (4.21).
 
-    The probabilities are those in the paper: each augmentation is applied to half of the samples.
+    As in the paper, each augmentation is applied to half of the samples.
     """
     count, device = len(betas), betas.device
     shift = (2.0 * torch.rand(count, 1, device=device) - 1.0) * (torch.rand(count, 1, device=device) < shift_chance)
@@ -263,8 +263,8 @@ def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance:
 class ThesisCorruption:
     """Adds occlusion (4.22 to 4.24), ghosts from the other markers' Gaussian (4.25) and bounded offsets (4.26, 4.27).
 
-    The probabilities are those in the paper. The numbers of hidden markers and ghosts, and the size of offsets, are
-    ours, because neither the thesis nor the paper states them.
+    The probabilities are from the paper. The numbers of hidden markers and ghosts and the size of the offsets are
+    chosen by hand, because thesis and paper do not state them.
     """
 
     device: str
@@ -296,7 +296,7 @@ class ThesisCorruption:
         )
 
     def ghosts(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-        """Return draws (B, G, 3) from N(μ, Σ), the per-axis median and sample covariance of the other markers (4.25).
+        """Draw ghosts (B, G, 3) from a Gaussian with the other markers' median and covariance (4.25).
 
         Sums of the centred points with standard normal weights have the sample covariance.
         """
@@ -328,7 +328,7 @@ _LIMBS = (
 
 @dataclass(frozen=True)
 class Clouds:
-    """B clouds of up to N points in metres, Z up, whose median is at the origin."""
+    """B clouds of up to N points in metres, Z up, with their median at the origin."""
 
     points: torch.Tensor  # (B, N, 3) points in metres.
     seen: torch.Tensor  # (B, N) mask of the points that exist.
@@ -339,7 +339,7 @@ class Clouds:
 
 @dataclass(frozen=True)
 class Variety:
-    """How clouds vary, apart from the poses."""
+    """Settings for the random variations of marker clouds, apart from the poses."""
 
     layouts: bool = True  # Use layouts and subsets of the superset. If False, use all 53 markers.
     ghosts: bool = True  # Add points that are not markers.
@@ -357,7 +357,7 @@ class Variety:
 
 
 class CloudStream:
-    """Draws clouds from given poses."""
+    """Makes random corrupted marker clouds from given poses."""
 
     def __init__(self, body: Body, device: str, variety: Variety = Variety()) -> None:
         self.points = BodyPoints(body, device)
@@ -407,7 +407,7 @@ class CloudStream:
         return everything[:, : len(PLACES)], everything[:, -NUM_JOINTS:]
 
     def _shapes(self, like: torch.Tensor) -> torch.Tensor:
-        """Return shapes (B, 10): a normal draw with the thesis' augmentation, or our distribution."""
+        """Return shapes (B, 10): a normal draw with the thesis' augmentation or with the product's own."""
         count, device = len(like), self.device
         betas = 0.7 * _normal(count, 10, like=like)
         if self.variety.thesis:
@@ -416,7 +416,7 @@ class CloudStream:
         return torch.where(torch.rand(count, 10, device=device) < 0.1, _normal(count, 10, like=like), betas)
 
     def placement(self, count: int) -> torch.Tensor:
-        """Return how far (B, P, 3) each person's markers are from their rules, along the skin and off it, in metres."""
+        """Draw the markers' offsets (B, P, 3) in metres from their standard positions, along and off the skin."""
         b = self.points
         if not (self.variety.noise and self.variety.strayed):
             return torch.zeros(count, len(PLACES), 3, device=self.device)
@@ -441,7 +441,7 @@ class CloudStream:
         return level @ rodrigues(torch.stack((zero, zero, heading), -1)) @ self.z_up
 
     def _worn(self, count: int) -> torch.Tensor:
-        """Return a mask (B, P) of the positions that have a marker."""
+        """Draw the positions that have a marker, as a mask (B, P)."""
         device = self.device
         if not self.variety.layouts:
             worn = torch.zeros(count, len(PLACES), dtype=torch.bool, device=device)

@@ -16,9 +16,9 @@ from training.landmarks.poses import PoseTable
 WINDOWS, FRAMES = 2400, 24
 LONGEST = 400
 """Largest number of poses in a window. The logarithm of the length is distributed uniformly."""
-STRAY = 1.2  # Placement error relative to that in the network's training, for people who do not know our rules.
+STRAY = 1.2  # Placement error relative to the network's training, for people who do not know the placement rules.
 NOISE_M = 0.003  # Standard deviation of a marker's position in metres. Chosen by hand.
-_FAR_M = 0.3  # Pairs that are farther apart than this, in metres, determine a body's size, as in labelling.
+_FAR_M = 0.3  # Smallest distance in metres between two markers that determine a body's size, as in labelling.
 
 
 def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS, seed: int = 0) -> Path:
@@ -56,7 +56,6 @@ def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS
 
 
 def _window(stream: CloudStream, poses: torch.Tensor, rng: np.random.Generator) -> np.ndarray:
-    """Return marker positions (FRAMES, P, 3) of one person in a window of a recording."""
     length = int(np.exp(rng.uniform(np.log(2), np.log(min(LONGEST, len(poses) - 1)))))
     rows = rng.integers(len(poses) - length) + rng.integers(length, size=FRAMES)
     rotations = rodrigues(poses[rows])

@@ -1,4 +1,4 @@
-"""Train on the stream for a number of steps or seconds. On a GPU, each step is one CUDA graph."""
+"""Train a landmark network for a number of steps or seconds. On a GPU, each step is one CUDA graph."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SYNCHRONISED = 10  # Steps between checks of the time.
 
 @dataclass(frozen=True)
 class LandmarkTraining:
-    """Settings of a landmark training, such as duration and learning rate."""
+    """Settings for training a landmark network, such as duration and learning rate."""
 
     steps: int = 0  # Total number of gradient steps. 0 means that only the time is limited.
     seconds: float = 60.0  # Total time if ``steps`` is 0. The learning rate decreases with the remaining time.
@@ -124,7 +124,6 @@ class _LandmarkRun:
 
     @property
     def share(self) -> float:
-        """Completed fraction of the training."""
         return self.steps / self.settings.steps if self.settings.steps else self.seconds / self.settings.seconds
 
     @property
@@ -132,7 +131,6 @@ class _LandmarkRun:
         return self.share >= 1.0
 
     def advance(self) -> None:
-        """Take one step."""
         share = self.share
         rate = self.settings.learning_rate * _schedule(share, self.steps)
         self.done.fill_(share)
@@ -180,12 +178,11 @@ class _LandmarkRun:
         return graph
 
     def synchronise(self) -> None:
-        """Wait until the device has finished."""
         if self.settings.device == "cuda":
             torch.cuda.synchronize()
 
     def check_loss(self) -> None:
-        """Raise an error if the loss is not finite, because it would stay that way."""
+        """Raise ``NonFiniteData`` if the loss is not finite, because it would never become finite again."""
         if not bool(torch.isfinite(self.loss)):
             raise NonFiniteData(
                 f"The loss is not a number at step {self.steps}.",
@@ -194,7 +191,6 @@ class _LandmarkRun:
             )
 
     def save(self) -> None:
-        """Write the checkpoint. The file is complete or is not written."""
         state = {
             "row": self.row,
             "settings": asdict(self.settings),
@@ -249,7 +245,7 @@ class _LandmarkRun:
 
 
 def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpoint: Path) -> None:
-    """Raise an error if a checkpoint belongs to a different row."""
+    """Raise ``TrainingMismatch`` if a checkpoint belongs to a different row of the tables."""
     changed = [] if theirs is None else [key for key, value in mine.items() if theirs.get(key, value) != value]
     if theirs is None or not changed:
         return
@@ -265,5 +261,5 @@ def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpo
 
 
 def _schedule(share: float, steps: int) -> float:
-    """Return the factor of the learning rate: a warm-up over 200 steps, then a cosine down to 1 %."""
+    """Return the learning rate's factor: a warm-up over 200 steps, then a cosine down to 1 %."""
     return min(1.0, (steps + 1) / 200) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))

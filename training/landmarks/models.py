@@ -1,4 +1,4 @@
-"""The networks to compare. Each has a loss on a batch of clouds and estimates landmark positions."""
+"""Landmark networks to compare. Each estimates landmark positions, and has a loss on a batch of clouds."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from training.landmarks.cloud_stream import Clouds
 
 SIZE = 160  # Width and height of a map in pixels.
 MARGIN = 1.25
-"""Half the width of a map relative to the cloud's extent from its centre. The margin leaves room for hidden hands."""
+"""Half the width of a map relative to half the extent of the cloud. The margin leaves space for hidden hands."""
 _RADIUS = 1
 _THINNEST = 1e-3
 """Smallest extent of a cloud in metres. It avoids a division by zero."""
@@ -33,7 +33,7 @@ class CanvasFrame:
     half: torch.Tensor  # (B, 1, 1) half the size of the cloud.
 
     def normalised(self, points: torch.Tensor) -> torch.Tensor:
-        """Convert points to -1..1."""
+        """Convert points in metres to normalised coordinates from -1 to 1."""
         return (points - self.centre) / self.half
 
     def metres(self, points: torch.Tensor) -> torch.Tensor:
@@ -42,7 +42,7 @@ class CanvasFrame:
 
 
 def y_up(points: torch.Tensor) -> torch.Tensor:
-    """Convert points from Z up to the axes of the published network, in which gravity is along y."""
+    """Convert points from Z up to Y up, the axes of the published network."""
     return torch.stack((points[..., 0], points[..., 2], -points[..., 1]), -1)
 
 
@@ -74,7 +74,7 @@ def front_and_back(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -
 
 
 def _nearness(points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-    """Return positions (B, N, 3) from 0 to 1 between the first and the last point of the cloud along each axis."""
+    """Scale positions (B, N, 3) to 0..1 within the bounding box of each cloud's visible points."""
     low, high = _box(points, seen)
     return ((points - low) / (high - low).clamp(min=_THINNEST)).clamp(0.0, 1.0)
 
@@ -86,7 +86,7 @@ def _box(points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.
 
 
 def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch.Tensor, size: int) -> torch.Tensor:
-    """Return maps (B, size, size) that have the largest value of the points over each pixel, or 0 without points."""
+    """Return maps (B, size, size) of the largest value among the points that cover a pixel, or 0 without points."""
     device = u.device
     around = torch.arange(-_RADIUS, _RADIUS + 1, device=device)
     columns = ((u + 1.0) * 0.5 * (size - 1)).round().long()[..., None, None] + around
@@ -100,7 +100,7 @@ def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch
 
 
 def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, CanvasFrame, torch.Tensor]:
-    """Return normalised points, their visibility, their frame, and the normalised targets of clouds, Y up."""
+    """Convert clouds to Y up, and return normalised points, their visibility, their frame and normalised targets."""
     points = y_up(clouds.points)
     frame = frame_of(points, clouds.seen)
     return frame.normalised(points), clouds.seen, frame, frame.normalised(y_up(clouds.targets))
@@ -122,7 +122,7 @@ def _profile(where: torch.Tensor, size: int) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class MapReading:
-    """Values of heatmaps, read without computing the heatmaps, which are the softmax of logits (..., S, S)."""
+    """Values read from heatmaps (the softmax of logits (..., S, S)) without computing the heatmaps."""
 
     across: torch.Tensor  # (...) centre of mass in x, in -1..1.
     down: torch.Tensor  # (...) centre of mass in y, in -1..1.
@@ -131,7 +131,7 @@ class MapReading:
 
 
 def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: torch.Tensor | None = None) -> MapReading:
-    """Read heatmaps from logits (..., S, S), and their logarithms at pixel indices (..., n).
+    """Read the centres of heatmaps from their logits, and the heatmaps' logarithms at some pixels.
 
     Args:
         logits: (..., S, S) logits of the heatmaps.
@@ -150,7 +150,7 @@ def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: to
 
 
 class _SoftmaxReading(torch.autograd.Function):
-    """Total, centre and some values of a softmax in one pass, and their derivatives in a second pass.
+    """Compute the total, centre and some values of a softmax in one pass, and their derivatives in a second pass.
 
     If ``h = softmax(l)``, then ``d log_total / dl = h`` and ``d c / dl = h (x - c)``.
     """
@@ -195,7 +195,7 @@ def fused(reading: MapReading) -> torch.Tensor:
 
 
 def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return Gaussians around (...) coordinates where they are not zero, and the indices (..., n) of those pixels."""
+    """Return the non-zero values (..., n) of Gaussians around (...) coordinates, and their pixel indices (..., n)."""
     side = min(size, 2 * math.ceil(REACH_SIGMAS * SIGMA_PX) + 1)
     around = torch.arange(side, device=u.device)
     columns, rows = (
@@ -211,8 +211,8 @@ def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.T
 def divergence_from_gaussians(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
     """Return the Jensen-Shannon divergence (...) of maps from Gaussians, evaluated near the Gaussians.
 
-    It equals ``jensen_shannon`` of the whole maps, except for the parts of Gaussians beyond ``REACH_SIGMAS``. Where one
-    map is 0, the mass of the other counts ``log(2) / 2``.
+    It equals the divergence of the whole maps, except for the parts of Gaussians beyond ``REACH_SIGMAS``. If one map is
+    0 at a pixel, the mass of the other counts ``log(2) / 2``.
     """
     a, b = gaussians, log_near.exp()
     log_middle = (0.5 * (a + b) + 1e-12).log()
@@ -223,14 +223,14 @@ def divergence_from_gaussians(gaussians: torch.Tensor, log_near: torch.Tensor) -
 def relative_entropy(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
     """Return the relative entropy ``KL(G || H) = sum G (log G - log H)``, shape (...), evaluated near the Gaussians.
 
-    Its gradient w.r.t. a logit is ``H - G``. The Jensen-Shannon gradient is ``H (log(H / M) - JS) / 2``, which is zero
-    where a map is confidently wrong.
+    G are the Gaussians and H the heatmaps. The gradient w.r.t. a logit is ``H - G``. The Jensen-Shannon gradient is
+    ``H (log(H / M) - JS) / 2`` with the mean map M, which is zero for a map that is confidently wrong.
     """
     return (gaussians * ((gaussians + 1e-12).log() - log_near)).sum(-1)
 
 
 def welsch(truth: torch.Tensor, estimate: torch.Tensor) -> torch.Tensor:
-    """Return ``1 - exp(-|e|² / 2 ν²)`` for normalised positions (..., 3) (thesis eq. 4.15)."""
+    """Return Welsch's robust loss ``1 - exp(-|e|² / 2 ν²)`` of normalised positions (..., 3) (thesis eq. 4.15)."""
     return 1.0 - torch.exp(-(truth - estimate).square().sum(-1) / (2.0 * WELSCH_NU**2))
 
 
@@ -238,7 +238,7 @@ BLOCKS = 5  # Number of resolutions, each half of the previous one. Chosen by ha
 
 
 class UNet(nn.Module):
-    """Network that maps maps to maps of the same size.
+    """Convolutional network (U-Net) from input maps to output maps of the same size.
 
     Blocks have ``width * (1, 2, 4, 8, 16)`` features and two 3 x 3 convolutions each, with ReLU before batch
     normalisation as in the paper. The width in the paper is 32.
@@ -298,7 +298,7 @@ class _ConvolutionBlock(nn.Sequential):
 
 
 class _SmoothPool(nn.Module):
-    """Maximum over 2 x 2 at every pixel, then a binomial filter, then every second pixel (Zhang 2019)."""
+    """Maximum over 2 x 2 pixels, then a binomial filter, then every second pixel (Zhang 2019)."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -317,14 +317,14 @@ _HIDDEN = -30000.0  # Score of a point that does not exist.
 
 @dataclass(frozen=True)
 class PointNetWidths:
-    """Sizes of the network."""
+    """Feature width, number of layers and number of attention heads of a ``PointNet``."""
 
     width: int = 128
     layers: int = 4
     heads: int = 4
 
     def as_dict(self) -> dict[str, int]:
-        """Return the sizes by name."""
+        """Return the sizes as a dict by name."""
         return asdict(self)
 
 
@@ -341,7 +341,7 @@ class LabelReading:
 
 
 class PointNet(nn.Module):
-    """Attention network with distance biases that reads landmarks from points. Landmarks query the points."""
+    """Attention network that reads landmarks from points. Landmarks query the points, with biases by distance."""
 
     def __init__(self, widths: PointNetWidths = PointNetWidths()) -> None:
         super().__init__()
@@ -406,7 +406,7 @@ _SHARP_M = 0.01  # Distance in metres below which the loss is quadratic. Chosen 
 
 
 def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
-    """Return the mean sum of the labels' cross-entropy, and the positions' robust distance and likelihood.
+    """Return the loss of a ``PointNet``: cross-entropy of the labels, plus distance and likelihood of the positions.
 
     The label of a point is a softmax over markers and ghost. The point of a marker is a softmax over points and
     "missing". Covariances do not affect positions during training, so that no landmark is neglected as uncertain.
@@ -429,9 +429,10 @@ def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
 
 
 def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
-    """Return ``(ν + 3)/2 log(1 + |Lᵀ e|²/ν) - log det L`` for factors (..., 6) and errors (..., 3) in dm.
+    """Return the negative log likelihood of errors e (..., 3) in dm under Student's t with ν = 4.
 
-    This is Student's likelihood with ν = 4. With it, a single wrong landmark does not inflate all covariances.
+    ``(ν + 3)/2 log(1 + |Lᵀ e|²/ν) - log det L`` with the factors L in ``spread`` (..., 6). The tails are heavy, so that
+    a single wrong landmark does not inflate all covariances.
     """
     log_diagonal, lower = spread[..., :3].clamp(-4.0, 5.0), spread[..., 3:]
     diagonal = log_diagonal.exp()
@@ -446,16 +447,16 @@ def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
 
 Loss = Literal["welsch", "bmse"]
 Divergence = Literal["kullback-leibler", "jensen-shannon"]
-"""Losses for heatmaps. The paper uses the second, whose gradient is zero where a map is confidently wrong."""
+"""Losses for heatmaps. The paper uses Jensen-Shannon. Its gradient is zero for a map that is confidently wrong."""
 ALL_LANDMARKS = tuple(range(len(MARKERS) + len(JOINTS)))
 PUBLISHED_JOINTS: tuple[str, ...] = (
     "pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot",
     "right_foot", "spine3", "neck", "head", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
     "left_wrist", "right_wrist",
 )  # fmt: skip
-"""The 18 joints of the published network. We chose them, because the paper does not list them."""
+"""The 18 joints of the published network. They are chosen by hand, because the paper does not list them."""
 PUBLISHED = (*range(len(MARKERS)), *(len(MARKERS) + JOINTS.index(name) for name in PUBLISHED_JOINTS))
-"""Columns of the 53 markers and 18 joints."""
+"""Columns of the 53 markers and 18 joints in the 77 landmarks."""
 BMSE_SIGMA = 0.02  # Noise in balanced MSE, in normalised units.
 
 
@@ -476,7 +477,7 @@ class LandmarkModel(nn.Module, ABC):
 
 
 class Ours(LandmarkModel):
-    """Our network, which uses attention over the points."""
+    """The product's own network, which uses attention over the points."""
 
     half_precision = False
 
@@ -497,7 +498,7 @@ class Ours(LandmarkModel):
 
 
 class Published(LandmarkModel):
-    """The published network: one UNet reads both views in turn. Heatmaps are fused by the shared y (thesis 4.2.3)."""
+    """The published network: one UNet reads both views in turn, and the views' y is averaged (thesis 4.2.3)."""
 
     def __init__(
         self,
@@ -531,7 +532,7 @@ class Published(LandmarkModel):
         return (weight * (HEAT_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1))).mean()
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
-        """Return the fused centres of mass."""
+        """Return the heatmaps' centres of mass, fused from both views."""
         points, seen, frame, _ = drawn(clouds)
         logits = self.logits(depth_maps(points, seen, self.size), SKIPPED)
         line = torch.linspace(-1.0, 1.0, self.size, device=logits.device)[::SKIPPED]
@@ -539,7 +540,7 @@ class Published(LandmarkModel):
 
 
 class DemocapLike(LandmarkModel):
-    """Front and back depth in one view, with a heatmap and a depth map per landmark (after Chatzitofis et al. 2021)."""
+    """Network that reads front and back depth maps, with a heatmap and a depth map per landmark (Chatzitofis 2021)."""
 
     def __init__(
         self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, loss: Loss = "welsch", size: int = SIZE
@@ -572,13 +573,13 @@ class DemocapLike(LandmarkModel):
         return (weight * (HEAT_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1) + depth)).mean()
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
-        """Return the centres of mass and the expected depth there."""
+        """Return the heatmaps' centres of mass with the expected depth."""
         points, seen, frame, _ = drawn(clouds)
         return _z_up(frame.metres(self._read(front_and_back(points, seen, self.size))[1]))
 
 
 class FromCoordinates(LandmarkModel):
-    """Dense layers on coordinates, then the maximum over the points (after Chen et al. 2021 and Qi et al. 2017)."""
+    """Network of dense layers on each point's coordinates, then the maximum over points (Chen 2021, Qi 2017)."""
 
     half_precision = False
 
@@ -609,7 +610,7 @@ class FromCoordinates(LandmarkModel):
         return (weight * (error.square().sum(-1) + 1e-4).sqrt().mean(1)).mean()
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
-        """Return the regressed positions."""
+        """Return the positions that the network regresses."""
         points, seen, frame, _ = drawn(clouds)
         return _z_up(frame.metres(self._found(points, seen)))
 

@@ -28,7 +28,9 @@ _AXES = {0: "clouds", 1: "n"}
 
 
 def export_point_network(network: PointNetwork, path: Path, *, overwrite: bool = False) -> Path:
-    """Write the labelling network. Inputs: ``points`` (B, N, 3) float32 (median at 0) and ``seen`` (B, N) bool.
+    """Write the labelling network to an ONNX file.
+
+    Inputs are ``points`` (B, N, 3) float32 with their median at the origin, and ``seen`` (B, N) bool.
 
     Raises:
         BackendMissing: the package onnx is not installed.
@@ -39,7 +41,7 @@ def export_point_network(network: PointNetwork, path: Path, *, overwrite: bool =
 
 
 def export_row(model: LandmarkModel, path: Path, *, overwrite: bool = False) -> Path:
-    """Write a row of the tables with its pre- and post-processing: drawing, network and centres of mass.
+    """Write the network of a table row to an ONNX file, with its pre-processing and post-processing.
 
     The inputs are ``points`` (B, N, 3) float32 in metres, Z up, and ``seen`` (B, N) bool, with at least one point per
     cloud. The output is ``positions`` (B, L, 3) in metres of the landmarks ``model.columns``. Rows that use attention
@@ -53,7 +55,7 @@ def export_row(model: LandmarkModel, path: Path, *, overwrite: bool = False) -> 
 
 
 def torch_network(network: PointNetwork) -> PointNet:
-    """Convert the NumPy network to torch."""
+    """Convert the solver's NumPy network to torch."""
     arrays = network.arrays
     model = PointNet(PointNetWidths(arrays["queries"].shape[1], network.layers, network.heads))
     model.load_state_dict({name: torch.as_tensor(value) for name, value in arrays.items()})
@@ -87,7 +89,7 @@ def _export(
 
 
 class _Reading(nn.Module):
-    """Module that returns plain tensors instead of a ``LabelReading``."""
+    """Module that returns the tensors of a ``LabelReading`` separately, as ONNX needs them."""
 
     def __init__(self, model: PointNet) -> None:
         super().__init__()
@@ -99,7 +101,7 @@ class _Reading(nn.Module):
 
 
 class _Positions(nn.Module):
-    """Module that needs nothing but point clouds."""
+    """Module that maps points to positions, without labels or targets."""
 
     def __init__(self, model: LandmarkModel) -> None:
         super().__init__()
@@ -111,7 +113,7 @@ class _Positions(nn.Module):
 
 
 def read_trained(folder: Path) -> LandmarkModel:
-    """Return the network that a training stored in its ``--work`` folder.
+    """Read the trained network from the ``--work`` folder of a training.
 
     Raises:
         FileMissing, FileDamaged: the folder contains no trained row, or is damaged.
@@ -130,7 +132,7 @@ def read_trained(folder: Path) -> LandmarkModel:
 
 
 def trained_model(figures: Mapping[str, Any], weights: Path) -> LandmarkModel:
-    """Return the network of a row, ready to read clouds.
+    """Return the trained network of a row, ready to read clouds.
 
     Args:
         figures: figures that were written by the training.

@@ -1,4 +1,4 @@
-"""Poses (including pelvis rotation) for training and evaluating landmark networks, split and stored in one file."""
+"""Table of poses with pelvis rotation for training and evaluating landmark networks, stored in one file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from training.landmarks.cloud_stream import Clouds, CloudStream
 
 GROUPS: tuple[str, ...] = ("crossed legs", "crossed arms", "kicks", "crouching")
 CROSSED_M = 0.06
-"""Metres by which crossed ankles or wrists are on the wrong side of each other, along hips or shoulders."""
+"""Smallest overlap in metres of crossed ankles or wrists, along the line through hips or shoulders."""
 KICK_M = -0.25  # Smallest height of a kicking ankle, relative to the pelvis.
 CROUCH_M = 0.5  # Largest height of the pelvis above the lower ankle in a crouch, for legs of 0.78 m.
 LEANING_DEG = 55.0  # Largest lean of the trunk of a person who is neither on the floor nor in the air.
@@ -39,7 +39,7 @@ _PAIR = {part: SMPL.both(part) for part in ("hip", "ankle", "shoulder", "wrist")
 
 
 def groups_of(rotations: np.ndarray) -> np.ndarray:
-    """Return a mask (N, 4) with a column per group in ``GROUPS``, for poses (N, 22, 3, 3), pelvis first, Y up."""
+    """Return which poses (N, 22, 3, 3) belong to each group in ``GROUPS``, as a mask (N, 4). Pelvis first, Y up."""
     joints = _joints(rotations)
     upright = _lean_deg(rotations) < LEANING_DEG
     ankles = joints[:, _PAIR["ankle"], 1]
@@ -72,7 +72,7 @@ def _lean_deg(rotations: np.ndarray) -> np.ndarray:
 
 
 def _order(joints: np.ndarray, base: str, end: str) -> np.ndarray:
-    """Return the signed distance in metres from the right to the left end, along the line through the base joints."""
+    """Return how far in metres the left ``end`` is to the left of the right one, along hips or shoulders (``base``)."""
     (left, right), (left_end, right_end) = _PAIR[base], _PAIR[end]
     across = joints[:, left] - joints[:, right]
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
@@ -99,7 +99,7 @@ class PoseTable:
 
     @classmethod
     def read(cls, path: Path) -> PoseTable:
-        """Read a table.
+        """Read a pose table from a file.
 
         Raises:
             FileMissing, FileDamaged: the file is missing or damaged.
@@ -107,7 +107,7 @@ class PoseTable:
         return cls(read_npz(path))
 
     def write(self, path: Path) -> None:
-        """Write the table."""
+        """Write the pose table to a file."""
         write_npz(path, dict(self.arrays), overwrite=True)
 
     def poses(self, name: str) -> np.ndarray:
@@ -115,7 +115,7 @@ class PoseTable:
         return self.arrays[name].astype(np.float32)
 
     def check_finite(self) -> None:
-        """Check that all poses are finite.
+        """Check that all poses in the table are finite.
 
         Raises:
             NonFiniteData: rotation vectors are NaN or infinite.
@@ -129,7 +129,7 @@ class PoseTable:
 
 
 def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPrior, seed: int = 0) -> PoseTable:
-    """Return the poses of the clips that include the pelvis' rotation.
+    """Make the pose table from all clips that include the pelvis' rotation.
 
     Anchors (the rarest poses, by Mahalanobis distance of their codes) are not in training or validation.
 
@@ -219,7 +219,7 @@ def _distinct(clips: list[Clip]) -> np.ndarray:
 
 
 def _spread_out(rotations: np.ndarray, rows: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
-    """Return up to ``most`` of these rows, without near-duplicates."""
+    """Draw up to ``most`` of the given rows of poses, without near-duplicates."""
     if not len(rows):
         return rows
     features = rotation_points(rotations[rows, 1:])[:, 1:NUM_JOINTS].reshape(len(rows), -1) / np.sqrt(NUM_JOINTS - 1.0)
@@ -236,9 +236,9 @@ def _parts(array: np.ndarray, size: int = 8192) -> list[np.ndarray]:
 
 
 RELEVANCE = {"e(R)": "reconstruction", "σ(R)": "reconstruction", "e(D)": "mahalanobis", "σ(D)": "mahalanobis"}
-"""Error measure that each relevance is based on."""
+"""Rarity measure that each kind of relevance is based on."""
 FADES = (0.45, 0.75)
-"""Completed fractions of a training between which the balance fades out, so that only recorded poses remain."""
+"""Completed fractions of a training: the balance starts to fade out at the first, and has ended at the second."""
 EXPONENTIAL_SCALE = 1.5
 """φ of the exponential kernel relative to the median error, so that not every pose reaches the limit. The sigmoid uses
 1 instead."""
@@ -248,7 +248,7 @@ Draw = Callable[[torch.Tensor], Clouds]  # Draws a batch, given the completed fr
 
 @dataclass(frozen=True)
 class Balance:
-    """How training is balanced. By default it is not."""
+    """Settings that balance the training towards rare poses. By default it is not balanced."""
 
     relevance: str = ""  # One of ``RELEVANCE``, or "" for none.
     sampler: str = ""  # One of ``SAMPLERS``, or "" for none.
@@ -259,7 +259,7 @@ class Balance:
 
 
 def relevance_of(table: PoseTable, kind: str) -> np.ndarray:
-    """Return the relevance (N,) of the training poses."""
+    """Return the relevance (N,) of the training poses, which is larger for rare poses."""
     error = table.arrays[RELEVANCE[kind]].astype(np.float64)
     median = float(np.median(error))
     if kind.startswith("e"):
@@ -274,7 +274,7 @@ def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance =
         stream: stream that makes clouds from poses.
         table: recorded poses, and poses blended by the operators.
         batch: number of recorded poses in a batch. Blended poses are added.
-        balance: how poses are weighted, and which are added.
+        balance: weighting of the poses, and poses to add.
     """
     device = stream.device
     recorded = torch.as_tensor(table.poses("training"), device=device)

@@ -1,4 +1,4 @@
-"""Rows of the published tables: each has a network, width, balance and clouds."""
+"""Rows of the published tables. A row is a network with its width, balance and clouds."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ def evaluation_clouds(
 
 @torch.no_grad()
 def evaluate(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
-    """Return RMSE and MPJPE in mm, PCK in percent, ``rmse3`` = (1 - PCK3) RMSE.
+    """Return RMSE and MPJPE in mm, PCK in percent, and ``rmse3`` = (1 - PCK3) RMSE.
 
-    For our network, the percentage of correct labels is added. RMSE is the mean over samples of the root mean square
-    distance over landmarks.
+    RMSE is the mean over samples of the root mean square distance over landmarks. For the product's own network, the
+    percentage of correct labels is added.
     """
     model.eval()
     distance = torch.cat([(model.positions(c) - c.targets[:, list(model.columns)]).norm(dim=-1) for c in clouds]).cpu()
@@ -78,7 +78,6 @@ def evaluate(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
 
 
 def _labels(model: Ours, clouds: list[Clouds]) -> dict[str, float]:
-    """Return the percentage of correctly labelled points."""
     right = points = 0
     for c in clouds:
         estimated = model.net(c.points, c.seen).scores.argmax(-1)
@@ -88,11 +87,11 @@ def _labels(model: Ours, clouds: list[Clouds]) -> dict[str, float]:
 
 
 FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, thinned=0.0, parts=0.0, tilted=0.0)
-"""Our clouds of all 53 markers, with the thesis' corruptions, sizes, headings, misplaced markers and props."""
+"""Clouds of all 53 markers, with the thesis' corruptions, sizes, headings, misplaced markers and props."""
 THESIS = replace(FIXED, wobble_rad=0.0, headings=False, sizes=0.0, strayed=False, thesis=True)
 """The clouds in the thesis: all 53 markers, with its augmentations and corruptions only (4.20 to 4.27)."""
 CLOUDS = {"thesis": THESIS, "fixed": FIXED}
-"""Clouds of 53 markers on which all rows are compared, by the names used in figures and tables."""
+"""Clouds of 53 markers for comparing all rows, by the names used in figures and tables."""
 UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
 """The best balance in the thesis: poses are weighted by relevance, and poses are added."""
@@ -100,12 +99,12 @@ FADING = replace(ORTHO, blended=0.5, fades=True)  # Ours: twice as many added po
 
 
 HALVED = 2 ** (BLOCKS - 1)  # Factor by which a UNet reduces the size of maps.
-OURS_WIDTH = 128  # Width of our shipped network.
+OURS_WIDTH = 128  # Width of the shipped network.
 
 
 @dataclass(frozen=True)
 class Row:
-    """A network to train and evaluate."""
+    """One row of the tables: a network with its settings, to train and evaluate."""
 
     network: str  # ``ours``, ``published``, ``democap`` or ``coordinates``.
     width: int
@@ -117,7 +116,7 @@ class Row:
     name: str = ""  # Name in the tables.
 
     def model(self) -> LandmarkModel:
-        """Return the untrained network."""
+        """Return the row's untrained network."""
         if self.network == "ours":
             return Ours(PointNetWidths(self.width))
         if self.network == "democap":
@@ -128,9 +127,9 @@ class Row:
 
 
 def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[str, Row]:
-    """Return all rows by name.
+    """Return all rows of the published tables, by name.
 
-    The UNets' width and resolution (32 and 160 in the paper) and the width of our network are settings.
+    Settings are the UNets' width and resolution (32 and 160 in the paper) and the width of the product's own network.
 
     Raises:
         JobInvalid: maps of that size cannot be halved four times.
@@ -170,9 +169,9 @@ def train_row(
 ) -> dict[str, Any]:
     """Train a row, evaluate it on all sets of poses, and write ``weights.npz`` and ``figures.json`` to ``out``.
 
-    The weights with the smallest ``rmse3`` are kept. It is measured on a third of the ordinary poses, in the row's kind
-    of clouds. No figure uses these poses. With ``start``, training continues from another row's checkpoint with this
-    row's settings.
+    The result is the weights with the smallest ``rmse3``. It is measured on a third of the ordinary poses, in the row's
+    kind of clouds. No figure uses these poses. With ``start``, training continues from another row's checkpoint with
+    this row's settings.
 
     Raises:
         TrainingMismatch: ``out`` contains a checkpoint of another row or with other settings.
@@ -215,7 +214,7 @@ def train_row(
 def evaluation_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tensor]:
     """Return the poses (N, 22, 3) of each evaluation set.
 
-    ``selection`` serves to choose the weights. No figure uses it.
+    The set ``selection`` is for choosing the weights. No figure uses it.
     """
     poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
     return {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}

@@ -38,7 +38,7 @@ _LABELS = ("labels.weight", "labels.bias", "missing")
 
 
 def calibrated(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Change the label scores to ``s / T``, minus ``GHOST_LOGIT`` for ghosts (Guo et al. 2017, eq. 9).
+    """Calibrate label scores: divide them by ``TEMPERATURE`` and lower the ghost's (Guo et al. 2017, eq. 9).
 
     Args:
         arrays: weights of ``PointNet`` by name. The last label is the ghost.
@@ -50,7 +50,7 @@ def calibrated(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 TABLES: dict[VaeName, str] = {"rvposer": "landmark_poses.npz", "vposer": "landmark_poses_vposer.npz"}
 """Pose tables, by the autoencoder that measures rarity and blends poses. Table 4.6 in the thesis compares both."""
-DISTANCES = "distances"  # Row that has no network: the table of marker distances.
+DISTANCES = "distances"  # Name of the row without a network: the table of marker distances.
 PUBLISHED_WIDTH = 32  # Channels in the first block of the published rows. Chosen by hand.
 
 
@@ -60,7 +60,7 @@ def train_landmark_rows(
 ) -> Finished:  # fmt: skip
     """Train a row of the tables, or resume from its checkpoint.
 
-    Our row is published as ``landmarks.npz`` together with a card.
+    The product's own network is published as ``landmarks.npz`` together with a card.
 
     Args:
         data: folder with ``motion_cmu``, or a table of poses (``.npz``) of an earlier training.
@@ -105,9 +105,9 @@ def train_landmark_rows(
 
 
 def table_of(data: Path, out: Path, balanced_by: VaeName = "rvposer", progress: Progress = silent) -> PoseTable:
-    """Return the poses from a folder of recordings or from a table.
+    """Read the pose table in a file, or make it from a folder of recordings.
 
-    They are stored in ``out``, because loading them takes minutes.
+    A new table is stored in ``out``, because making it takes minutes.
     """
     kept = data if data.suffix == ".npz" else out / TABLES[balanced_by]
     if not kept.is_file():

@@ -31,7 +31,7 @@ _VALIDATION_POSES = 2000
 
 @dataclass(frozen=True)
 class LifterSettings:
-    """Settings of the network and of the people who are simulated."""
+    """Settings of the lifter's network and of the simulated people."""
 
     hidden: tuple[int, ...] = (384, 384)  # Widths of the hidden layers.
     people: int = 8  # Number of shapes per batch.
@@ -40,12 +40,12 @@ class LifterSettings:
     noise_m: tuple[float, float] = (0.003, 0.03)
     """Smallest and largest noise of a triangulated point in metres per axis. One draw per pose."""
     missing: float = 0.5  # Largest fraction of points outside the trunk that are missing. Most poses lack few.
-    exchanged: float = 0.3  # Fraction of poses that have limbs from other poses.
+    exchanged: float = 0.3  # Fraction of poses with limbs from other poses.
 
 
 @dataclass(frozen=True)
 class LifterPeople:
-    """Poses, shapes, and the points that are visible."""
+    """Poses and shapes of simulated people, and their noisy points."""
 
     points: torch.Tensor  # (N, 19, 3) points in metres.
     seen: torch.Tensor  # (N, 19) mask of seen points.
@@ -55,7 +55,7 @@ class LifterPeople:
     betas: torch.Tensor  # (N, 10) shapes.
 
     def to(self, device: torch.device) -> LifterPeople:
-        """Move the people to a device."""
+        """Copy the people to a device."""
         return LifterPeople(*(getattr(self, part.name).to(device) for part in fields(self)))
 
 
@@ -84,11 +84,11 @@ class LifterTask:
 
     @property
     def model(self) -> nn.Module:
-        """Network that maps 76 inputs to 51 outputs."""
+        """The lifter's network, which maps 76 inputs to 51 outputs."""
         return self._network
 
     def draw(self, generator: torch.Generator) -> LifterPeople:
-        """Draw people."""
+        """Draw a batch of simulated people."""
         chosen = self._distinct[torch.randint(len(self._distinct), (self._batch,), generator=generator)]
         windows = exchanged_limbs(self._poses[chosen][:, None], generator, self._settings.exchanged)
         windows = varied_joints(maybe_mirrored(windows, generator), generator)
@@ -106,7 +106,7 @@ class LifterTask:
 
     @torch.no_grad()
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return figures on unseen subjects: points around an unrotated pelvis, root, pelvis and shape."""
+        """Return errors on unseen subjects: points (with a fixed pelvis), root, pelvis and shape."""
         lifted, people = self._lifted(model, self._unseen), self._unseen
         cosine = ((lifted.root * people.root).sum((-1, -2)) - 1.0) / 2.0
         angle = torch.rad2deg(torch.arccos(cosine.clamp(-1.0, 1.0)))
@@ -174,7 +174,7 @@ the first two shape parameters' variance that a single frame explains.
 
 
 def train_lifter(job: TrainingJob, settings: LifterSettings = LifterSettings()) -> Finished:
-    """Train, export and write the model card."""
+    """Train the lifter, export its weights, measure them and write the model card."""
     task = LifterTask(
         job.training, job.validation, load_body(), load_sposer(), settings, job.settings.batch, job.settings.seed
     )

@@ -1,4 +1,4 @@
-"""Poses whose distances Pose-NDF learns: recorded, rotated and blended poses, and poses visited by projections."""
+"""Training poses of Pose-NDF with their distances: recorded, rotated and blended poses, and poses of projections."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BLOCK = 512  # Poses processed together, which limits memory. Chosen by hand.
 
 
 class NearestPoses:
-    """A set of poses that measures how far other poses are from it.
+    """Finds the nearest poses in a set, and their distances.
 
     Candidates are found by the chordal distance ``Σ w_k/2 sin²ψ_k = Σ w_k/8 (3 - tr R_kᵀ R'_k)``, one matrix product
     over all pairs. The geodesic distance ``Σ w_k/2 ψ_k²`` of the candidates decides.
@@ -51,7 +51,7 @@ class NearestPoses:
         return torch.cat([self._block(*pair, neighbours)[0] for pair in zip(blocks, left_out, strict=True)])
 
     def nearest(self, quats: torch.Tensor) -> torch.Tensor:
-        """Return the index (N,) of each pose's nearest pose."""
+        """Return the index (N,) of the nearest stored pose for each pose (N, 21, 4)."""
         return torch.cat([self._block(block, None, 1)[1][:, 0] for block in quats.to(torch.float32).split(_BLOCK)])
 
     def _block(
@@ -70,7 +70,7 @@ class NearestPoses:
 
 
 def _features(quats: torch.Tensor) -> torch.Tensor:
-    """Return rotation matrices (N, 189) times the root of their weights, whose products are ``Σ w_k tr R_kᵀ R'_k``."""
+    """Return rotation matrices (N, 189) times the root of their weights. Dot products are ``Σ w_k tr R_kᵀ R'_k``."""
     weights = torch.as_tensor(np.sqrt(JOINT_WEIGHTS), dtype=quats.dtype, device=quats.device)
     return (matrix_from_quat(quats) * weights[:, None, None]).flatten(1)
 
@@ -88,7 +88,7 @@ NOBODY = -1  # Person index of a pose that was not made from a recording.
 
 @dataclass(frozen=True)
 class PoseManifold:
-    """Recorded poses to which distances are measured."""
+    """The recorded poses that distances are measured from."""
 
     quats: torch.Tensor  # (M, 21, 4) unit quaternions.
     people: torch.Tensor  # (M,) person in each pose.
@@ -96,7 +96,7 @@ class PoseManifold:
 
     @property
     def spread(self) -> JointSpread:
-        """Distribution of the rotations of each joint."""
+        """Distribution of each joint's rotations in the recorded poses."""
         return JointSpread.of(matrix_from_quat(self.quats.numpy().astype(np.float64)))
 
     @classmethod
@@ -105,14 +105,14 @@ class PoseManifold:
         return cls(quats, people, NearestPoses(quats, people, device))
 
     def drawn(self, count: int, generator: torch.Generator) -> Poses:
-        """Return ``count`` random recorded poses."""
+        """Draw ``count`` random recorded poses."""
         chosen = torch.randint(len(self.quats), (count,), generator=generator)
         return Poses(self.quats[chosen], self.people[chosen])
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses, and the person whose recorded pose each one was before it was rotated."""
+    """Poses, and the person in the recording that each pose was made from."""
 
     quats: torch.Tensor  # (N, 21, 4) unit quaternions.
     people: torch.Tensor  # (N,) person in each pose.
@@ -123,14 +123,14 @@ class Poses:
 
 @dataclass(frozen=True)
 class Labelled:
-    """Poses, and their distances to the manifold."""
+    """Poses with their distances to the recorded poses."""
 
     quats: torch.Tensor  # (N, 21, 4) unit quaternions, single precision.
     distance: torch.Tensor  # (N,) mean distance in rad to the nearest recorded poses (``NearestPoses.mean_distance``).
 
 
 def spread(count: int, degrees: tuple[float, float], generator: torch.Generator, *, even: bool = False) -> torch.Tensor:
-    """Draw standard deviations (count,) in radians from a range in degrees, uniformly or uniformly in the logarithm."""
+    """Draw standard deviations (count,) in radians from a range in degrees, log-uniformly or uniformly (``even``)."""
     low, high = (math.radians(d) if even else math.log(math.radians(d)) for d in degrees)
     drawn = low + (high - low) * torch.rand(count, generator=generator)
     return drawn if even else torch.exp(drawn)
@@ -155,7 +155,7 @@ def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator, noise
 
 
 def von_mises_turns(directions: torch.Tensor, sigma: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return rotation vectors (N, J, 3) along given directions, whose angles are von Mises around zero.
+    """Return rotation vectors (N, J, 3) along given directions, with von Mises distributed angles around zero.
 
     ``κ = 1 / (3 σ²)``: for small σ, the angle then equals a rotation by σ about each of three axes.
 
@@ -172,7 +172,7 @@ def von_mises_turns(directions: torch.Tensor, sigma: torch.Tensor, generator: to
 
 
 def blended(manifold: PoseManifold, count: int, generator: torch.Generator) -> Poses:
-    """Return normalised points between pairs of recorded poses."""
+    """Blend random pairs of recorded poses, and normalise the quaternions."""
     a, b = (manifold.drawn(count, generator).quats for _ in range(2))
     b = torch.where((a * b).sum(-1, keepdim=True) < 0, -b, b)
     mixed = torch.lerp(a, b, torch.rand(count, 1, 1, generator=generator))
@@ -202,14 +202,14 @@ def projected(prior: PoseNDF, manifold: PoseManifold, count: int, generator: tor
 def labelled(poses: Poses, manifold: PoseManifold) -> Labelled:
     """Return poses and their true distances to the recorded poses of all other people.
 
-    A new person is as far from the recorded poses as one recorded person is from all others. If a person's own poses
-    counted as neighbours, the field would learn that almost no pose is near. Measured medians are 0.40 rad for poses of
-    unseen people and 0.07 rad for poses of recorded people.
+    For a new person, the distance to the recorded poses is similar to the distance between one recorded person and all
+    others. If a person's own poses counted as neighbours, the field would learn that almost no pose is near. Measured
+    medians are 0.40 rad for poses of unseen people and 0.07 rad for poses of recorded people.
     """
     quats = poses.quats.to(torch.float32)
     return Labelled(quats, manifold.nearest.mean_distance(quats, poses.people))
 
 
 def joined(parts: list[Labelled]) -> Labelled:
-    """Join several sets into one."""
+    """Concatenate several sets of labelled poses."""
     return Labelled(torch.cat([p.quats for p in parts]), torch.cat([p.distance for p in parts]))

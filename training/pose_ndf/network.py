@@ -23,7 +23,7 @@ from training.pose_ndf.negatives import Labelled, Noise
 
 @dataclass(frozen=True)
 class PoseNdfSettings:
-    """Network, losses and data of Pose-NDF."""
+    """Settings of Pose-NDF's network, losses and data."""
 
     features: int = 8  # Features per joint. The paper uses 6.
     encoder_hidden: int = 16
@@ -31,7 +31,7 @@ class PoseNdfSettings:
     eikonal: float = 0.1  # Weight of the eikonal term.
     eikonal_share: float = 0.2  # Fraction of a batch used for the eikonal term, where it is valid.
     eikonal_from: float = 0.6
-    """Smallest distance in radians for the eikonal loss. Nearer to several neighbours, the slope is below 1."""
+    """Smallest distance in radians for the eikonal loss. At smaller distances, the slope is below 1."""
     pool: int = 40_000
     """Number of poses far from the manifold. There are half as many recorded poses, twice as many near poses, and
     equally many poses visited by projections."""
@@ -43,7 +43,7 @@ class PoseNdfSettings:
 
 
 class PoseFieldNet(nn.Module):
-    """Parameters of ``PoseField``, laid out so that the field's own code computes value and gradient."""
+    """Torch parameters of a ``PoseField``. The field's own code computes values and gradients."""
 
     def __init__(self, settings: PoseNdfSettings) -> None:
         super().__init__()
@@ -57,16 +57,16 @@ class PoseFieldNet(nn.Module):
 
     @property
     def field(self) -> PoseField:
-        """The network as the field that the product uses. Gradients flow to the parameters."""
+        """The solver's pose field with these parameters. Gradients flow to the parameters."""
         layers = [cast(nn.Linear, layer) for layer in self.layers]
         stack = SoftplusStack(tuple(x.weight for x in layers), tuple(x.bias for x in layers), last_is_positive=True)
         return PoseField(self.w0, self.b0, self.w1, self.b1, stack)
 
 
 class PoseNdfTask:
-    """Losses on the poses of one stage (Tiwari et al. 2022, eq. 4), and validation.
+    """Losses on the poses of one training stage (Tiwari et al. 2022, eq. 4), and validation.
 
-    See ``labelled`` for why distances are not zero.
+    The distances of recorded poses are not zero (see ``labelled``).
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class PoseNdfTask:
         settings: PoseNdfSettings,
         batch: int,
     ) -> None:
-        """Prepare a stage.
+        """Prepare one stage of the training.
 
         Args:
             model: network to train.
@@ -94,15 +94,17 @@ class PoseNdfTask:
         return self._make()
 
     def draw(self, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draw poses of the stage, and their distances."""
+        """Draw a batch of the stage's poses, and their distances."""
         pool = self._poses
         chosen = torch.randint(len(pool.quats), (self._batch,), generator=generator)
         return upper_hemisphere(pool.quats[chosen]), pool.distance[chosen]
 
     def loss(self, batch: tuple[torch.Tensor, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
-        """Return ``mean |f - d| + λ mean (|∇f| - 1)²`` with gradients off the manifold, in the metric of the distance.
+        """Return the distance error plus the eikonal loss: ``mean |f - d| + λ mean (|∇f| - 1)²``.
 
-        Reference: Tiwari et al. 2022, eq. 4: the error of the distance, and the eikonal equation.
+        Gradients are in the metric of the distance, and only at poses off the manifold.
+
+        Reference: Tiwari et al. 2022, eq. 4.
         """
         s, device = self._settings, device_of(self.model)
         quats, target = (tensor.to(device) for tensor in batch)
@@ -113,7 +115,7 @@ class PoseNdfTask:
         return error.mean() + s.eikonal * off.square().mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return figures on how perturbed poses of unseen subjects are ranked, and on their distances."""
+        """Return the rank correlation and the mean error of distances for perturbed poses of unseen subjects."""
         with torch.no_grad():
             found = cast(PoseFieldNet, model).field(upper_hemisphere(self._validation.quats))
         truth = self._validation.distance
@@ -124,7 +126,7 @@ class PoseNdfTask:
 
 
 def as_prior(model: PoseFieldNet, spread: JointSpread) -> PoseNDF:
-    """Return the prior of a network whose training is not finished."""
+    """Return a copy of a network during training as a usable prior."""
     return PoseNDF(copy.deepcopy(model).requires_grad_(False).field, spread, {})
 
 

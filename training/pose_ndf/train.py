@@ -70,7 +70,7 @@ def perturbed_validation(validation: Corpus, manifold: PoseManifold, count: int,
 
 
 class Stages:
-    """Poses for every stage. Those of a finished stage are made again only if a later stage needs them."""
+    """Makes the poses of every training stage, and makes earlier poses again if a later stage needs them."""
 
     def __init__(self, manifold: PoseManifold, settings: PoseNdfSettings, seed: int) -> None:
         self._manifold, self._settings, self._seed = manifold, settings, seed
@@ -104,7 +104,7 @@ class Stages:
 
 
 def train_stages(job: TrainingJob, settings: PoseNdfSettings, manifold: PoseManifold) -> PoseFieldNet:
-    """Train one stage after another. Each starts from the previous one and has its own folder for checkpoints."""
+    """Train all stages. Each starts from the previous stage's network and has its own folder for checkpoints."""
     torch.manual_seed(job.settings.seed)
     model = PoseFieldNet(settings)
     validation = perturbed_validation(job.validation, manifold, settings.validation)
@@ -146,7 +146,7 @@ samples with any joint more than 15° beyond its range of motion.
 
 
 def train_pose_ndf(job: TrainingJob, settings: PoseNdfSettings = PoseNdfSettings()) -> Finished:
-    """Train, export, measure the exported weights and write the model card."""
+    """Train Pose-NDF, export its weights, measure them and write the model card."""
     manifold = manifold_of(job.training, job.settings.device)
     model = train_stages(job, settings, manifold)
     spread = manifold.spread
@@ -164,7 +164,7 @@ def train_pose_ndf(job: TrainingJob, settings: PoseNdfSettings = PoseNdfSettings
 
 
 def measure(prior: PoseNDF, validation: Corpus, manifold: PoseManifold, settings: PoseNdfSettings) -> dict[str, float]:
-    """Return figures on the ranking, distances, projections and samples of the field."""
+    """Measure a field: its ranking of poses, its distances, projections and samples."""
     perturbed = perturbed_validation(validation, manifold, settings.validation)
     truth = perturbed.distance.numpy().astype(np.float64)
     start = matrix_from_quat(perturbed.quats.numpy().astype(np.float64))

@@ -50,17 +50,17 @@ class SphericalAutoencoder(nn.Module):
             last.bias.copy_(mean_6d)
 
     def encode(self, rotations: torch.Tensor) -> torch.Tensor:
-        """Map poses (N, 21, 3, 3) to codes (N, 32)."""
+        """Encode poses (N, 21, 3, 3) to codes (N, 32)."""
         return spherical_normalisation(self.encoder(matrix_to_6d(rotations).flatten(-2)))
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
-        """Map codes (N, 32) to poses (N, 21, 3, 3)."""
+        """Decode codes (N, 32) to poses (N, 21, 3, 3)."""
         return matrix_from_6d(self.decoder(z).unflatten(-1, (NUM_BODY_JOINTS, 6)))
 
 
 @dataclass(frozen=True)
 class SPoserSettings:
-    """Network and losses of SPoser."""
+    """Settings of SPoser's network, losses and data."""
 
     encoder_hidden: tuple[int, ...] = (512, 512)
     decoder_hidden: tuple[int, ...] = (512, 512)
@@ -69,8 +69,8 @@ class SPoserSettings:
     """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` relative to squared point distances in dm² (thesis eqs. 6.4, 6.3)."""
     between: float = 0.5  # Weight of the frame between keys, relative to the keys.
     latent_noise: float = 0.01  # Standard deviation of the noise on each coordinate before decoding.
-    turned_chance: float = 0.35  # Fraction of windows whose limbs are rotated randomly within anatomical limits.
-    end_chance: float = 0.3  # Fraction of windows whose ankles, toes and wrists are moved towards their limits.
+    turned_chance: float = 0.35  # Fraction of windows with limbs rotated randomly within anatomical limits.
+    end_chance: float = 0.3  # Fraction of windows with ankles, toes and wrists rotated towards their limits.
 
 
 class SPoserTask:
@@ -95,11 +95,11 @@ class SPoserTask:
         self._unseen = {"": validation} | ({} if far is None else {"far_": far})
 
     def draw(self, generator: torch.Generator) -> Any:
-        """Draw windows."""
+        """Draw a batch of augmented windows."""
         return self._sampler.draw(self._batch, generator)
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
-        """Reconstruct middle keys from noisy codes, and intermediate frames by SIDER2 from three codes."""
+        """Return the loss of middle keys decoded from noisy codes, and of frames interpolated by SIDER2."""
         s, batch = self._settings, batch.to(device_of(self.model))
         codes = self.model.encode(batch.rotations[:, :3].flatten(0, 1)).unflatten(0, (self._batch, 3))
         noise = s.latent_noise * torch.randn(self._batch, codes.shape[-1], generator=generator).to(codes.device)
@@ -120,9 +120,9 @@ class SPoserTask:
 
 
 class EncoderTask(SPoserTask):
-    """Trains only the encoder, for a fixed decoder. It finds the codes that decode nearest to the input.
+    """Trains only the encoder, for a fixed decoder. The encoder learns the codes that decode nearest to the input.
 
-    A decoder can represent more poses than the encoder that was trained with it finds.
+    A decoder can represent poses that the encoder trained with it does not find.
     """
 
     def __init__(
@@ -138,11 +138,11 @@ class EncoderTask(SPoserTask):
         self.model.decoder.requires_grad_(False)
 
     def draw(self, generator: torch.Generator) -> Any:
-        """Draw poses."""
+        """Draw a batch of augmented poses."""
         return self._sampler.draw_poses(self._batch, generator)
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
-        """Return the loss of reconstructing poses."""
+        """Return the reconstruction loss of a batch of poses."""
         truth = batch.to(device_of(self.model))
         decoded = self.model.decode(self.model.encode(truth))
         return pose_loss(truth, decoded, truth.new_ones(self._batch), self._settings.orthogonality)
@@ -159,7 +159,7 @@ the solver.""",
 
 
 def train_sposer(job: TrainingJob, settings: SPoserSettings | None = None) -> Finished:
-    """Train, export, measure the exported weights and write the model card."""
+    """Train SPoser, export its weights, measure them and write the model card."""
     settings = settings or SPoserSettings(decoder_hidden=(job.hidden, job.hidden))
     kind = EncoderTask if job.settings.part == "encoder" else SPoserTask
     task = kind(job.training, job.validation, settings, job.settings.batch, job.settings.seed, job.far)

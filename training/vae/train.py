@@ -38,7 +38,7 @@ _LOG_VARIANCE = (-12.0, 6.0)  # Range of a log-variance that keeps exponentials 
 
 
 class Latent(Protocol):
-    """The posterior over codes that an encoder's outputs describe."""
+    """Interface of a latent space: the posterior over codes, described by an encoder's outputs."""
 
     outputs: int  # Size of the encoder's output.
     width: int  # Size of the decoder's input.
@@ -58,11 +58,11 @@ class GaussianLatent:
     outputs, width = 2 * GAUSSIAN_DIM, GAUSSIAN_DIM
 
     def mean(self, out: torch.Tensor) -> torch.Tensor:
-        """Return the mean of the posterior."""
+        """Return the mean codes of the posterior."""
         return out[:, :GAUSSIAN_DIM]
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draw by reparametrisation."""
+        """Draw codes from the posterior by reparametrisation, and return their divergence in nats."""
         mean, log_variance = out[:, :GAUSSIAN_DIM], out[:, GAUSSIAN_DIM:].clamp(*_LOG_VARIANCE)
         noise = torch.randn(mean.shape, generator=generator).to(mean.device)
         nats = 0.5 * (mean.square() + log_variance.exp() - 1.0 - log_variance).sum(-1)
@@ -75,7 +75,7 @@ class SphereLatent:
     outputs, width = SPHERE_DIM + 1, SPHERE_DIM
 
     def mean(self, out: torch.Tensor) -> torch.Tensor:
-        """Return the mean direction."""
+        """Return the mean directions of the posterior."""
         return torch.nn.functional.normalize(out[:, :SPHERE_DIM], dim=-1)
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
@@ -93,11 +93,11 @@ class RotationLatent:
     outputs, width = 9 * ROTATIONS, 9 * ROTATIONS
 
     def mean(self, out: torch.Tensor) -> torch.Tensor:
-        """Return the entries of the mean rotations."""
+        """Return the matrix entries of the posterior's mean rotations."""
         return self._means(out).flatten(1)
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draw ``R_μ exp(σ ε)``. The divergence is estimated at the draw, whose density is wrapped twice."""
+        """Draw ``R_μ exp(σ ε)``. The divergence is estimated at the draw, with a density wrapped twice."""
         log_sigma = 0.5 * out[:, 6 * ROTATIONS :].clamp(*_LOG_VARIANCE).unflatten(-1, (ROTATIONS, 3))
         noise = torch.randn(log_sigma.shape, generator=generator).to(log_sigma.device)
         turn = torch.exp(log_sigma) * noise
@@ -120,7 +120,10 @@ LATENTS: dict[Kind, type[Latent]] = {
 
 
 class SphereDivergence(torch.autograd.Function):
-    """``KL(vMF(κ) | uniform) = κ A(κ) + log C(κ) + log area``, ``A = I_{m/2} / I_{m/2-1}``, slope ``κ A'(κ)``."""
+    """Divergence of a von Mises-Fisher distribution from the uniform one, and its derivative ``κ A'(κ)``.
+
+    ``KL(vMF(κ) | uniform) = κ A(κ) + log C(κ) + log area`` with ``A = I_{m/2} / I_{m/2-1}`` in m dimensions.
+    """
 
     @staticmethod
     def forward(ctx: Any, kappa: torch.Tensor) -> torch.Tensor:
@@ -136,12 +139,12 @@ class SphereDivergence(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grads: torch.Tensor) -> torch.Tensor:
-        """Return the derivative w.r.t. the concentration."""
+        """Return the gradient w.r.t. the concentrations."""
         return grads[0] * ctx.saved_tensors[0]
 
 
 def _along_mean(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return components (N,) along the mean.
+    """Draw the components (N,) of unit vectors along the mean direction.
 
     They are ``w(ε) = (1 - (1+b) ε) / (1 - (1-b) ε)``, where ε is accepted from a beta distribution.
     """
@@ -157,7 +160,7 @@ def _breadth(kappa: torch.Tensor) -> torch.Tensor:
 
 
 def _accepted(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return draws ε (N,) that the rejection step accepts, on the generator's device."""
+    """Draw the values ε (N,) that the rejection step accepts, on the generator's device."""
     m, b = SPHERE_DIM - 1, _breadth(kappa)
     centre = (1.0 - b) / (1.0 + b)
     level = kappa * centre + m * torch.log(1.0 - centre.square())
@@ -176,7 +179,7 @@ def _accepted(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _wrapped_log_density(turn: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
-    """Return the log density (N, K) of exp(turn) with respect to the Haar measure, whose mass is 8π²."""
+    """Return the log density (N, K) of exp(turn) with respect to the Haar measure, which has a mass of 8π²."""
     angle = torch.linalg.vector_norm(turn, dim=-1, keepdim=True).clamp_min(1e-6)
     terms = []
     for wraps in (-1, 0, 1):
@@ -195,7 +198,7 @@ _INPUTS = 3 * NUM_BODY_JOINTS  # Length of a pose as rotation vectors.
 
 @dataclass(frozen=True)
 class VaeForm:
-    """Differences between the autoencoders, apart from their codes."""
+    """Variants of the autoencoder's layers and penalty."""
 
     first_norm: bool = False  # Apply batch normalisation before the encoder's first layer.
     second_norm: bool = False  # Apply batch normalisation after the encoder's first activation.
@@ -218,7 +221,7 @@ normalisation, which the thesis does not mention."""
 
 @dataclass(frozen=True)
 class VaeSettings:
-    """Kind of autoencoder, and weights of its losses."""
+    """Kind of variational autoencoder, and weights of its losses."""
 
     kind: Kind
     divergence: float = 1e-3
@@ -227,7 +230,7 @@ class VaeSettings:
 
 
 class VariationalAutoencoder(nn.Module):
-    """Encoder 63 -> 512 -> 512 -> posterior, and decoder code -> 512 -> 512 -> 126."""
+    """Variational autoencoder: encoder 63 -> 512 -> 512 -> posterior, decoder code -> 512 -> 512 -> 126."""
 
     def __init__(self, kind: Kind) -> None:
         super().__init__()
@@ -263,12 +266,12 @@ class VariationalAutoencoder(nn.Module):
         return self.latent.mean(self.posterior(rotations))
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
-        """Map codes (N, width) to poses (N, 21, 3, 3)."""
+        """Decode codes (N, width) to poses (N, 21, 3, 3)."""
         return matrix_from_6d(self.decoder(z).unflatten(-1, (NUM_BODY_JOINTS, 6)))
 
 
 class VaeTask:
-    """Losses (thesis eqs. 4.16 to 4.19) and validation."""
+    """Losses of the variational autoencoders (thesis eqs. 4.16 to 4.19), and validation."""
 
     def __init__(self, train: Corpus, validation: Corpus, settings: VaeSettings, batch: int, seed: int) -> None:
         torch.manual_seed(seed)
@@ -277,11 +280,11 @@ class VaeTask:
         self._validation = validation.some_distinct(VALIDATION_POSES).astype(np.float64)
 
     def draw(self, generator: torch.Generator) -> torch.Tensor:
-        """Draw the middle frames and the intermediate frames of windows."""
+        """Draw poses: the middle key and the intermediate frame of each window."""
         return self._sampler.draw(self._batch, generator).rotations[:, [1, 3]].flatten(0, 1)
 
     def loss(self, batch: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-        """Return the loss of reconstructing poses plus the divergence."""
+        """Return the reconstruction loss of a batch plus the weighted divergence of its codes."""
         s, truth = self._settings, batch.to(device_of(self.model))
         self.model.train()
         z, nats = self.model.latent.draw(self.model.posterior(truth), generator)
@@ -324,7 +327,7 @@ _TITLES: dict[Kind, str] = {
 
 
 def train_vae(kind: Kind, job: TrainingJob) -> Finished:
-    """Train and export one of the variational autoencoders."""
+    """Train one of the variational autoencoders, export its weights, measure them and write the model card."""
     settings = VaeSettings(kind)
     task = VaeTask(job.training, job.validation, settings, job.settings.batch, job.settings.seed)
     model = cast(VariationalAutoencoder, run_training(task, job.settings, job.work, job.progress))

@@ -1,4 +1,4 @@
-"""Read Acclaim motions (AMC, optionally gzipped) as recorded clips, using the product's reader."""
+"""Read Acclaim motions (AMC, optionally gzipped) with the solver's reader, and convert them to clips."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _TPOSE = {
 
 
 def read_amc(path: Path, skeleton: Path) -> RecordedClip:
-    """Read a motion together with its skeleton (ASF).
+    """Read an AMC motion together with its ASF skeleton.
 
     Raises:
         FileMissing: the file does not exist.
-        FileDamaged, NonFiniteData: see ``read_pair``, or the file is damaged or not gzipped.
+        FileDamaged, NonFiniteData: the file is not valid (see ``read_pair``), or a ``.gz`` file is not gzipped.
     """
     name = require_file(path).name.split(".")[0]
     with TemporaryDirectory() as folder:

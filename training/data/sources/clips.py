@@ -35,14 +35,14 @@ _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
 
 
 def read_clip(path: Path) -> RecordedClip:
-    """Read a clip (``names, parents, offsets, rotvec, root, fps``, optionally ``tpose_rotvec, root_rotvec``).
+    """Read a recorded clip from a file with ``names, parents, offsets, rotvec, root, fps``.
 
-    If a clip starts with its T-pose, that frame is skipped. ``root_rotvec`` (F, 3) replaces root rotations that have
-    only half precision.
+    If a clip starts with its T-pose, that frame is skipped. The optional field ``root_rotvec`` (F, 3) replaces root
+    rotations that have only half precision. ``tpose_rotvec`` is optional too.
 
     Raises:
         FileMissing: the file does not exist.
-        FileDamaged: it is not a clip file, or fields are missing.
+        FileDamaged: the file is not a clip file, or fields are missing.
         NonFiniteData: a rotation is NaN or infinite.
     """
     if not path.is_file():
@@ -129,11 +129,11 @@ class _Scene:
 
 
 def read_archive_clips(archive: Path) -> list[RecordedClip]:
-    """Read all animations of the ``.glb`` files in a tar archive that have a T-pose, sorted by name.
+    """Read all animations of the ``.glb`` files with a T-pose in a tar archive, sorted by name.
 
     Raises:
         FileMissing: the archive does not exist.
-        FileDamaged: it cannot be read.
+        FileDamaged: the archive is not readable.
     """
     if not archive.is_file():
         raise FileMissing("The archive of animations is missing.", where=archive.name)
@@ -150,7 +150,7 @@ def read_archive_clips(archive: Path) -> list[RecordedClip]:
 
 
 def gltf_clips(data: bytes, where: str = "") -> list[RecordedClip]:
-    """Return the animations of a ``.glb`` file at 30 Hz, or none if it has no animation named ``T-Pose``.
+    """Return the animations of a ``.glb`` file at 30 Hz, or [] if it has no animation named ``T-Pose``.
 
     Raises:
         FileDamaged: the bytes are not a glTF binary file.
@@ -221,16 +221,16 @@ KEYED = "keyed"
 UNKNOWN = "unknown"  # Subject of clips from conversions that do not preserve it.
 KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
 FAULT_DEG = 30.0
-"""A joint that exceeds its anatomical range by more than this many degrees was tracked wrongly."""
+"""Largest excess over a joint's anatomical range in degrees. With a larger excess, a joint was tracked wrongly."""
 FAR = "far"  # Folder of motions that differ from all training motions, for evaluating priors.
 _FOLDERS = ("asfamc", "amc", "mb2", "expmap", "max", "daz", "daz_more", "segments", "jump")
 """Folders of converted recordings. If several of them contain a take, the first folder is used."""
 _AMC = ("11_01", "13_30", "13_31", "14_14", "14_20")
-"""Motions that have hands and toes in no other conversion. One skeleton is enough, because all CMU skeletons have the
-same axes."""
+"""Motions with hands and toes that the other conversions lack. One skeleton file is enough, because all CMU skeletons
+have the same axes."""
 _TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")  # CMU's subject and trial in a file name, optionally after a word.
 _NUMBERED = ("asfamc", "amc", "mb2", "daz_more", "segments", "jump", FAR)
-"""Folders whose files are named by subject and trial."""
+"""Folders with the subject and trial in the file names."""
 _BVH = "makehuman_data_bvhs_10_01.bvh"
 _MIN_FRAMES = 3
 """Smallest number of frames in a clip. Chosen by hand."""
@@ -238,7 +238,7 @@ _MIN_FRAMES = 3
 
 @dataclass(frozen=True)
 class Clip:
-    """A clip that is ready for training."""
+    """A clip of body rotations at 30 Hz, ready for training."""
 
     name: str  # Source and file, separated by a slash.
     subject: str
@@ -277,16 +277,16 @@ def load_clips(
 
 
 def load_far_clips(data: Path) -> list[Clip]:
-    """Read the motions in ``data`` that differ from all training motions. Frames with tracking faults are left out.
+    """Read the motions in ``data`` that differ from all training motions, without frames with tracking faults.
 
-    The list is empty if there are no such motions.
+    Returns an empty list if the folder has none.
     """
     clips = [_recorded(read_clip(path), FAR, subject_of(path)) for path in _recordings(data / "motion_cmu" / FAR)]
     return [piece for clip in clips for piece in without_faults(clip)]
 
 
 def without_faults(clip: Clip) -> list[Clip]:
-    """Return the frame ranges of a clip in which every joint is close to its anatomical range."""
+    """Return the frame ranges of a clip with every joint close to its anatomical range, as separate clips."""
     sound = (excess_deg(clip.rotations.astype(np.float64)) < FAULT_DEG).all(axis=1)
     long = [slice(first, last + 1) for first, last in true_runs(sound) if last - first + 1 >= _MIN_FRAMES]
     root = clip.root
@@ -306,7 +306,7 @@ def subject_of(path: Path) -> str:
 
 
 def _recordings(folder: Path) -> list[Path]:
-    """Return the CMU recordings in a folder that the corpus uses."""
+    """Return the CMU recordings of a folder that belong to the corpus."""
     if folder.name == "amc":
         return [path for name in _AMC if (path := folder / f"{name}.amc.gz").is_file()]
     return sorted(folder.glob("*.npz"))
@@ -326,7 +326,7 @@ def _read(path: Path) -> RecordedClip:
 
 
 def _recorded(clip: RecordedClip, source: str, subject: str) -> Clip:
-    """Return a CMU clip. Its collars do not move."""
+    """Convert a CMU recording to a clip. Its collars do not move, so they get the shoulder rhythm."""
     rotations = _at_corpus_rate(clip)
     rotations[:, 1:] = with_shoulder_rhythm(rotations[:, 1:])
     return _clip(f"{source}/{clip.name}", subject, rotations)

@@ -24,7 +24,7 @@ from solver_backend.types import MarkerCloud
 
 @dataclass(frozen=True)
 class MarkerFit:
-    """Settings for fitting one person."""
+    """Settings for fitting a body to one person's markers."""
 
     sigma_m: float = 0.004  # Standard deviation of skin movement and marker noise.
     coarse_sigma_m: float = 0.015  # Standard deviation while the shape is unknown.
@@ -35,7 +35,7 @@ class MarkerFit:
 
 @dataclass(frozen=True)
 class FittedMarkers:
-    """A person and the fitted poses."""
+    """Person, poses and residuals of a marker fit."""
 
     subject: Subject
     frames: PosedFrames
@@ -123,7 +123,7 @@ _CACHE = "ui_prmd_poses.npz"
 
 @dataclass(frozen=True)
 class FittedTake:
-    """A take that was fitted."""
+    """Body rotations fitted to one marker take, and their residuals."""
 
     name: str  # File name: movement, subject, episode.
     subject: str  # Subject, s01 to s08.
