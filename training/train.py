@@ -90,7 +90,7 @@ def train(
     if prior != "sposer" and settings.part:
         raise JobInvalid("Only sposer can train a part of itself (--part).")
     if settings.part and start is None:
-        raise JobInvalid("A part is trained for weights that are there already.", hint="Add --from WEIGHTS.")
+        raise JobInvalid("Training a part needs existing weights.", hint="Add --from WEIGHTS.")
     out, start = Path(out), None if start is None else Path(start)
     chosen = replace(settings, seed=seed, start=read_weights(start, prior).sha256 if start else "")
     check_device(chosen.device)

@@ -56,7 +56,7 @@ def load_statistics(path: Path = NUMBERS / "ansur_statistics.json") -> Statistic
     """Read the committed table. Raise ``FileDamaged`` if its measures differ from ``MEASURES``."""
     table = json.loads(path.read_text())
     if tuple(table["measures"]) != MEASURES:
-        raise FileDamaged(f"The table lists {table['measures']}; {list(MEASURES)} are expected.", where=str(path))
+        raise FileDamaged(f"The table lists {table['measures']}, but {list(MEASURES)} are expected.", where=str(path))
     return Statistics(*(np.array(table[key]) for key in ("mean", "sd", "p01", "p99", "correlation")))
 
 

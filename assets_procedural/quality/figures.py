@@ -1,4 +1,4 @@
-"""Check a body file against limits: ``python -m assets_procedural.quality.figures``. Exit with 1 on a miss."""
+"""Check a body file: ``python -m assets_procedural.quality.figures`` exits with 1 if a figure exceeds its limit."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ def _add_bones(data: bpy.types.Armature, places: dict[str, np.ndarray]) -> None:
 
 
 def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceBone]) -> None:
-    """Set up the controls. As for the head, drivers move each deform bone back by the shape sliders' offset."""
+    """Set up the face controls. Drivers remove the shape sliders' offset from each deform bone, as for the head."""
     data, bones = armature.data, armature.pose.bones
     shown = data.collections_all.get(_COLLECTION) or data.collections.new(_COLLECTION)
     axes = np.array(data.bones[_HEAD].matrix_local.to_3x3()).T @ R_ARMATURE_BODY

@@ -1,4 +1,4 @@
-"""Name files and looks: numbered files in a folder, nouns with counts, and the looks of a body."""
+"""Names of numbered files, counted nouns, and the looks of a body."""
 
 from __future__ import annotations
 

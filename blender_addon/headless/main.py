@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
         args = program_called(program).parse(arguments)
     except MocapError as error:
         return Report(sys.stdout, sys.stderr, as_json=as_json).error(error)
-    # If an ordinary exception is raised while Blender loads its own add-ons, Blender prints it and goes on.
+    # If an ordinary exception is raised while Blender loads its own add-ons, Blender prints it and continues.
     with own_streams(verbose=args.verbose) as (out, err), cancel_on_signals(KeyboardInterrupt) as cancellation:
         report = Report(out, err, as_json=as_json, interval_s=_INTERVAL_S)
         try:

@@ -96,7 +96,7 @@ class RenderedTake:
 
     @property
     def floor(self) -> tuple[bpy.types.Collection, ...]:
-        """Collections that contain the floor, or none without a floor."""
+        """Collections that contain the floor, or an empty tuple without a floor."""
         return () if self.take.floor is None else tuple(self.take.floor.users_collection)
 
     @property

@@ -94,7 +94,7 @@ def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np
 
     The direction is ``o + s a``, where o is the offset of the middle joint from the line between its neighbours, a is
     the forward direction of the bone above it (both perpendicular to that line), and s is a few centimetres. The
-    direction stays smooth even if the limb is straight and o vanishes.
+    direction is smooth even if the limb is straight and o vanishes.
 
     Args:
         upper: (F, 3) positions of shoulders or hips in metres.

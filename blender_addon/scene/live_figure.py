@@ -36,11 +36,11 @@ MOST_POINTS = 90
 _LOOK, _JOINT_LOOK = PointLook(0.008, MARKER_COLOURS), PointLook(0.018, MARKER_COLOURS)
 """Radii of points and joints in metres, and the colours that show their uncertainty. Chosen by hand."""
 _OFF_M = (0.0, 0.03, 0.08)
-"""Distances from the body in metres at which a point gets the second, third and fourth colour. At the last one the
+"""Smallest distances from the body in metres for the second, third and fourth colour of a point. At the last one the
 solver reports the pose as uncertain. A point that does not belong to the body keeps the first colour."""
 _DOUBT_M = (0.0, 0.02, 0.05)
-"""Standard deviations in metres at which a joint changes to its second, third and fourth colour. With cameras and
-markers an observed joint typically has 0.02 m, and a joint that has been unobserved for a while has 0.05 m."""
+"""Smallest standard deviations in metres for the second, third and fourth colour of a joint. With cameras and markers
+an observed joint typically has 0.02 m, and a joint that has been unobserved for a while has 0.05 m."""
 _UNSURE = 2  # Lowest colour number of joints in an unsure pose.
 
 

@@ -36,7 +36,7 @@ class SolverProcess:
     """A run of the solver, which writes JSON lines and ends when its standard input is closed.
 
     Two threads read the output of the process, so no method has to wait for it. If this program ends or crashes, the
-    system closes the pipe, and the solver ends too. After ``cancel``, it is killed once its grace period is over.
+    system closes the pipe, and the solver ends too. After ``cancel``, it is killed when its grace period ends.
     """
 
     def __init__(

@@ -90,7 +90,7 @@ def _folders(path: Path) -> list[Path]:
     try:
         return sorted(folder for folder in path.iterdir() if folder.is_dir())
     except OSError:
-        return []  # we may not read this folder
+        return []  # this folder is not readable
 
 
 def _holds_cameras(folder: Path) -> bool:
@@ -98,7 +98,7 @@ def _holds_cameras(folder: Path) -> bool:
     try:
         below = {path.name.lower(): path for path in folder.iterdir() if path.is_dir()}
     except OSError:
-        return False  # we may not read this folder
+        return False  # this folder is not readable
     return not _POSE_FOLDERS.isdisjoint(below) or sum(map(_holds_frames, below.values())) > 1
 
 

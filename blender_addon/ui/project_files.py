@@ -131,7 +131,7 @@ class Journey:
             return
         note_moved(gone)
         for path in gone:
-            with suppress(OSError):  # a file that cannot be removed stays as a second copy
+            with suppress(OSError):  # if the file cannot be removed, two copies remain
                 path.unlink()
         folders = {folder for path in gone for folder in (path.parent, path.parent.parent)} - {sessions_folder()}
         for folder in sorted(folders, key=lambda folder: -len(folder.parts)):

@@ -1,6 +1,6 @@
 """Translate the add-on's labels into German, in a separate translation context.
 
-Sentences and tooltips stay in English.
+Messages and tooltips are not translated.
 """
 
 from __future__ import annotations

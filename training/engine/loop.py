@@ -98,7 +98,7 @@ logger = logging.getLogger(__name__)
 
 
 class EventLog:
-    """Writes validation figures (``log.jsonl``) and TensorBoard events to a folder."""
+    """A folder's validation figures (``log.jsonl``) and TensorBoard events, written during the training."""
 
     def __init__(self, folder: Path, step: int) -> None:
         """Continue after ``step``. Later lines from an interrupted run are removed, so that no step appears twice."""
@@ -302,7 +302,7 @@ class _TrainingRun:
             raise TrainingMismatch(
                 f"The checkpoint was made with other {', '.join(changed)}.",
                 where=self.checkpoint.name,
-                hint="Go on with the same settings, or train into another folder.",
+                hint="Continue with the same settings, or train into another folder.",
             )
         try:
             self.task.model.load_state_dict(state["model"])
@@ -310,7 +310,7 @@ class _TrainingRun:
             raise TrainingMismatch(
                 "The checkpoint contains another network.",
                 where=self.checkpoint.name,
-                hint="Go on with the same prior and widths, or train into another folder.",
+                hint="Continue with the same prior and widths, or train into another folder.",
             ) from error
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])

@@ -108,7 +108,7 @@ def train_gmm(job: TrainingJob) -> Finished:
         JobInvalid: the device is not the CPU.
     """
     if job.settings.device != "cpu":
-        raise JobInvalid("The mixture is fitted on the CPU alone.", where="device", hint="Leave out --device.")
+        raise JobInvalid("The mixture can only be fitted on the CPU.", where="device", hint="Omit --device.")
     x = rotation_vectors(job.training)
     mixture, history = fit_mixture(x, COMPONENTS, job.settings.seed, ridge=RIDGE, progress=job.progress)
     arrays = {

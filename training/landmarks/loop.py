@@ -226,7 +226,7 @@ class _LandmarkRun:
             raise TrainingMismatch(
                 f"The checkpoint was made with other {', '.join(changed)}.",
                 where=checkpoint.name,
-                hint="Go on with the same settings, or train into another folder.",
+                hint="Continue with the same settings, or train into another folder.",
             )
         if not other_row:
             _same_row(state.get("row"), self.row, checkpoint)

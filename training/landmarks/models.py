@@ -224,7 +224,7 @@ def relative_entropy(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.T
     """Return the relative entropy ``KL(G || H) = sum G (log G - log H)``, shape (...), evaluated near the Gaussians.
 
     G are the Gaussians and H the heatmaps. The gradient w.r.t. a logit is ``H - G``. The Jensen-Shannon gradient is
-    ``H (log(H / M) - JS) / 2`` with the mean map M, which is zero for a map that is confidently wrong.
+    ``H (log(H / M) - JS) / 2`` with the mean map M. This gradient is zero for a map that is confidently wrong.
     """
     return (gaussians * ((gaussians + 1e-12).log() - log_near)).sum(-1)
 

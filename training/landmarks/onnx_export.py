@@ -122,7 +122,7 @@ def read_trained(folder: Path) -> LandmarkModel:
         figures = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
     except OSError as error:
         raise FileMissing(
-            "There is no trained row of the landmark networks here.",
+            "The folder contains no trained landmark network.",
             where=str(folder),
             hint="Give the folder of train landmarks --work. It contains figures.json and weights.npz.",
         ) from error
@@ -147,7 +147,7 @@ def trained_model(figures: Mapping[str, Any], weights: Path) -> LandmarkModel:
         arrays = {name: torch.as_tensor(array).float() for name, array in read_npz(weights).items()}
         lost, foreign = model.load_state_dict(arrays, strict=False)
     except (KeyError, TypeError, AttributeError, RuntimeError) as error:
-        raise FileDamaged("The weights are of another network than the figures.", where=str(weights)) from error
+        raise FileDamaged("The weights and the figures belong to different networks.", where=str(weights)) from error
     if foreign or any(name in dict(model.named_parameters()) for name in lost):
-        raise FileDamaged("The weights are of another network than the figures.", where=str(weights))
+        raise FileDamaged("The weights and the figures belong to different networks.", where=str(weights))
     return model.eval()

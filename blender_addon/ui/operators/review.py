@@ -18,7 +18,7 @@ from .base import BODY, EDITABLE, OPENS, TAKE, Need, Steps, operator, works_here
 from .takes import edit_aside
 
 _MARGIN = 5  # Scene frames added on both sides of a range to review. The new solve must match the take there.
-MARK = "gap"  # Start of the name of each timeline marker that we create.
+MARK = "gap"  # Start of the names of the add-on's timeline markers.
 _GAP, _TO_REVIEW = f"{MARK} interpolated", f"{MARK} review"
 _SAMPLES = 16
 """Number of frames that Feet to Floor measures. Chosen by hand."""

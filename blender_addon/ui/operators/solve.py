@@ -136,7 +136,7 @@ def spans(frames: list[int]) -> str:
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs(frames))
 
 
-@operator("Solve All", CAPTURE, scope=choice("Scope", "Captures to solve", "solve_all.scope"))
+@operator("Solve All", CAPTURE, scope=choice("Scope", "Solve only this capture, or all captures", "solve_all.scope"))
 def solve_all(self: Any, context: bpy.types.Context) -> Steps:
     """Solve all people one after another, and store each result as an action on that person's body."""
     from .import_results import take_motion

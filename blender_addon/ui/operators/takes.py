@@ -147,7 +147,7 @@ def edit_aside(
     with TemporaryDirectory() as folder:
         source, out = Path(folder, "take.blend"), Path(folder, "edited.blend")
         files = {key: str(take_file(review.take, key)) for key in PATHS if review.take.get(key)}
-        mesh = body_mesh(review.armature)  # its soles keep the feet on the floor
+        mesh = body_mesh(review.armature)  # the feet are kept on the floor by the soles of the skin
         save_alone(source, review.armature, [mesh] if mesh else [], scene, files=files, switch=[*switch])
         lane = f'["{CONTACT}"]'  # the user may edit this lane in the meantime
         keys = keys_of(review.take, lane)
@@ -208,7 +208,7 @@ def push_down(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Edit on a Layer", TAKE, EDITABLE)
 def edit_on_layer(self: Any, context: bpy.types.Context) -> str:
-    """Add an empty action on top of the take for your edits, so that the take's keys stay unchanged."""
+    """Add an empty action on top of the take for your edits, so that the take's own keys are kept."""
     from ...animation.layers import add_layer
 
     review = context.scene.mocap.review

@@ -262,7 +262,8 @@ def load_clips(
     """
     paths = _one_of_each_take(path for folder in _FOLDERS for path in _recordings(data / "motion_cmu" / folder))
     if not paths:
-        raise FileMissing("No training clips were found.", where="motion_cmu", hint="--data takes the folder above it.")
+        hint = "For --data, give the folder that contains motion_cmu."
+        raise FileMissing("No training clips were found.", where="motion_cmu", hint=hint)
     clips = []
     for number, path in enumerate(paths):
         clips.append(_recorded(_read(path), path.parent.name, subject_of(path)))

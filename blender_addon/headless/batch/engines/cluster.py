@@ -1,7 +1,7 @@
 """Process takes on a Dask cluster (Rocklin 2015), with one task per step.
 
 Dask schedules tasks, and repeats the tasks of workers that have died. This module selects suitable workers and retries
-failed takes on other workers. All state is in the takes' records, so scheduler, workers and program may end any time.
+failed takes on other workers. The takes' records store all state, so scheduler, workers and program may end any time.
 """
 
 from __future__ import annotations
