@@ -82,7 +82,7 @@ class Gait:
 
 
 def find_gait(posed: PosedSegments, cloud: MarkerCloud, flags: np.ndarray | None = None) -> Gait:
-    """Find foot strikes, toe-offs and strides from the heels and toes in ``open_sim.virtual_markers``.
+    """Find foot strikes, toe-offs and strides from heels and toes (``open_sim.virtual_markers``).
 
     A foot leaves the floor when its toes are farthest behind the pelvis (Zeni et al. 2008). It strikes when the heel
     stops falling after its foremost position, or at that position if it glides over the floor. Steps without a forward
@@ -159,7 +159,7 @@ def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
 
 
 def _turns(curve: np.ndarray, reach: float) -> list[int]:
-    """Return the turning points of a curve (F,), between which it changes by at least ``reach``, and frame 0."""
+    """Return turning points of a curve (F,) that differ by at least ``reach``, and frame 0."""
     slope = np.diff(curve)
     extremes = np.flatnonzero(slope[1:] * slope[:-1] <= 0.0) + 1
     found, at, rises = [0], 0, None
@@ -176,7 +176,7 @@ def _turns(curve: np.ndarray, reach: float) -> list[int]:
 
 
 def _vertex(curve: np.ndarray, at: int) -> float:
-    """Return the maximum of the parabola through three neighbouring values, as an offset from the middle frame."""
+    """Return the maximum of a parabola through three values, as an offset from the middle."""
     before, here, after = curve[at - 1 : at + 2]
     return float(0.5 * (before - after) / min(before - 2.0 * here + after, -1e-12))
 

@@ -22,7 +22,7 @@ _STEPS = 6  # Newton steps. Angles about oblique axes converge to 1e-12 in four.
 
 
 def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3"]:
-    """Split rotations into three successive angles (F, 3) in radians: ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)``.
+    """Split rotations into angles (F, 3) in radians: ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)``.
 
     The orders z-x-y, y-x-y and y-x-z have closed forms. Oblique axes close to z-x-y, such as the ankle's, start from
     that form and use Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)``, with ``J`` from ``axes_in_parent``. The second angle is

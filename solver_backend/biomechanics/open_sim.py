@@ -68,7 +68,7 @@ class Coordinates:
 
 
 def coordinates(posed: PosedSegments) -> Coordinates:
-    """Compute OpenSim coordinates from posed segments. The pelvis comes first, then the right side."""
+    """Compute OpenSim coordinates from posed segments: pelvis first, then the right side."""
     posed = replace(posed, rotations=_model_axes(posed))
     hips = [posed.joints[f"{side}_hip"] @ posed.ground.T for side in ("left", "right")]
     apart = np.linalg.norm(hips[1] - hips[0], axis=-1, keepdims=True)
@@ -111,7 +111,7 @@ def _order(segment: str) -> tuple[int, int]:
 
 
 def mot_text(title: str, found: Coordinates, fps: float) -> str:
-    """Format coordinates as the text of an OpenSim motion file (.mot): header, names, and one row per frame."""
+    """Format coordinates as the text of an OpenSim motion file (.mot), one row per frame."""
     frames = len(found.values)
     head = [title, "version=1", f"nRows={frames}", f"nColumns={len(found.names) + 1}", "inDegrees=yes", "endheader"]
     times = np.arange(frames) / fps

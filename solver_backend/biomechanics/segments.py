@@ -87,7 +87,7 @@ def _bone(body: Body, joint: int) -> tuple[float, int]:
 
 
 def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames segments"]:
-    """Convert the standard deviations of joints (F, J) in metres to rotations of segments (F, S) in radians."""
+    """Convert deviations of joints (F, J) in metres to those of segments (F, S) in radians."""
     recorded, found = list(body.recorded_joints), []
     for _, joint in SEGMENTS.values():
         j = body.layout.joints.index(joint)
@@ -125,7 +125,7 @@ _TRUNK_PLACES = (*_PELVIS_PLACES, "C7", "CLAV", "STRN", "T8")
 def anatomical_frames(
     body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]
 ) -> dict[str, Float[np.ndarray, "3 3"]]:
-    """Return each segment's anatomical axes in the rest frame as columns: x forward, y up, z right.
+    """Return each segment's anatomical axes at rest as columns: x forward, y up, z right.
 
     - Pelvis: z through the anterior iliac spines, x in the plane with the midpoint of the posterior spines (Wu et al.
       2002, hip).
@@ -184,7 +184,7 @@ def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def _centres(body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the rest positions of the joints by name. Hinge joints are midway between their palpated landmarks."""
+    """Return joints' rest positions by name. Hinges are midway between palpated landmarks."""
     at = dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
     names = tuple(side + place for places in PALPATED.values() for place in places for side in "LR")
     skin = _skin(body, betas, names, {})
@@ -229,7 +229,7 @@ class PosedSegments:
         return round(float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))))
 
     def relative(self, segment: str) -> np.ndarray:
-        """Return (F, 3, 3) rotations of a segment relative to its parent. Left segments are reflected."""
+        """Return a segment's rotations (F, 3, 3) relative to its parent, reflected if left."""
         above = SEGMENTS[segment][0]
         turns = self.rotations[segment]
         turns = turns if above == "ground" else np.swapaxes(self.rotations[above], -1, -2) @ turns
@@ -242,7 +242,7 @@ level rest pose: 20 to 34 degrees in four arms (``PiG_Motion-FlatFoot-*``, Biome
 
 
 def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarray:
-    """Return the (3, 3) rotation about the upper arm's y axis that aligns z with the elbow's hinge.
+    """Return the rotation (3, 3) about the upper arm's y axis that aligns z with the hinge.
 
     The hinge is perpendicular to both long axes (Wu et al. 2005, 2.3.5). It is the average over the take, weighted by
     the sine of the bend. If the elbow bends too little, an average angle is assumed.
@@ -311,7 +311,7 @@ def without_fingers(motion: Motion, body: Body) -> Motion:
 
 
 def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
-    """Return (F, 3, 3) covariances in rad² by segment, NaN for segments at rest. None if the motion has none."""
+    """Return covariances (F, 3, 3) in rad² by segment, NaN at rest, or None if unknown."""
     if motion.turn_covariance is None:
         return None
     found, layout = unpacked(motion.turn_covariance.astype(np.float64)), motion.body_layout

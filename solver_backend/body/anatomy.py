@@ -29,7 +29,7 @@ class SurfacePoint:
 
 
 def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost: bool = False) -> SurfacePoint:
-    """Find the surface point where a ray first leaves the rest mesh, or last leaves it (``outermost``).
+    """Find the surface point where a ray first (or last, ``outermost``) leaves the rest mesh.
 
     The ray starts at ``origin`` (3,) inside the mesh, in metres in the rest pose. A miss raises ``BodyInvalid``.
 

@@ -66,7 +66,7 @@ class Body:
 
     @cached_property
     def recorded_joints(self) -> tuple[int, ...]:
-        """Joints that motions of this body store, in their order. For the SMPL family, these are SMPL's joints."""
+        """Joints that motions of this body store. For the SMPL family, these are SMPL's joints."""
         return self.layout.standing_for(self.layout.recorded)
 
     @property

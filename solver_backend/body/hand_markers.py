@@ -25,7 +25,7 @@ class HandMarkers:
 
 
 def _places() -> dict[str, tuple[int, int, float]]:
-    """Return the finger, segment and position for every label, as a fraction along the segment from its joint."""
+    """Return the finger, the segment and the position along the segment for every label."""
     found = {"FT1": (0, 3, 0.9), "IP": (0, 2, 1.0), "MP1": (0, 1, 1.0), "CMC1": (0, 0, 1.0)}
     for number in range(1, len(FINGERS)):
         own = {"FT": (number, 3, 0.8), "DP": (number, 2, 1.0), "PP": (number, 1, 1.0), "MP": (number, 0, 1.0)}
@@ -38,7 +38,7 @@ _LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORE
 
 
 def hand_place(label: str) -> tuple[int, str] | None:
-    """Return the side (0 left, 1 right) and place of a hand marker label such as ``L_FT2``, or None."""
+    """Return the side (0 left, 1 right) and place of a label such as ``L_FT2``, or None."""
     match = _LABEL.fullmatch(label.rsplit(":", 1)[-1].strip())
     return None if match is None else (("l", "r").index(match[1][0].lower()), match[2].upper())
 
@@ -56,7 +56,7 @@ def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
 
 
 def hand_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return the place, such as ``L_FT2``, of each label that names a hand marker (see ``hand_columns``)."""
+    """Return the place, such as ``L_FT2``, of each hand marker label (see ``hand_columns``)."""
     found = hand_columns(labels)
     return {labels[c]: f"{'LR'[side]}_{place}" for side, columns in found.items() for place, c in columns.items()}
 

@@ -53,7 +53,7 @@ def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndar
 
 
 def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.ndarray, "n 5 3 3 3"]:
-    """Convert (n, A) angles in radians to (n, 5, 3, 3, 3) rotations of finger joints from the previous segment."""
+    """Convert (n, A) angles in radians to finger joint rotations (n, 5, 3, 3, 3)."""
     turns = np.zeros((len(angles), 5, 3, 3))
     turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
     sign = side_sign(side)
@@ -80,7 +80,7 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
 
 
 def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]:
-    """Return an (n, 5, 3) mask of finger joints with at least one known angle, in the order of ``FINGERS``."""
+    """Return an (n, 5, 3) mask of finger joints with at least one known angle."""
     informed = np.zeros((len(known), 5, 3), bool)
     for finger, joint, angle in zip(FINGER_OF, JOINT_OF, known.T, strict=True):
         informed[:, finger, joint] |= angle
@@ -88,7 +88,7 @@ def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]
 
 
 def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Convert (n, 5, 3, 3, 3) joint rotations to (n, A) angles in radians, the inverse of ``joint_rotations``."""
+    """Convert (n, 5, 3, 3, 3) joint rotations to (n, A) angles, inverting ``joint_rotations``."""
     x, sign = turns[..., 0], side_sign(side)
     spread = np.arcsin(np.clip(-x[..., 2], -1.0, 1.0)) * sign
     twist = np.arctan2(turns[..., 2, 1], turns[..., 2, 2]) * sign
@@ -182,7 +182,7 @@ class HandSkeleton:
         return PosedHand(frames, joints, self._axes(frames, angles))
 
     def _axes(self, frames: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return the (F, A, 3) rotation axes of the angles: first flexion about -z, then spread (y), then twist (x)."""
+        """Return (F, A, 3) rotation axes: flexion about -z, then spread (y), then twist (x)."""
         before, after = frames[:, FINGER_OF, JOINT_OF], frames[:, FINGER_OF, JOINT_OF + 1]
         sign, kind = side_sign(self.side), KIND_OF[:, None]
         flexion = angles[:, FLEXION_OF, None]
@@ -224,7 +224,7 @@ class HandSkeleton:
         return local
 
     def angles_of(self, local: Float[np.ndarray, "n 5 3 3 3"]) -> Float[np.ndarray, "n a"]:
-        """Convert (F, 5, 3, 3, 3) finger rotations from rest to the nearest (F, A) angles in radians."""
+        """Convert (F, 5, 3, 3, 3) finger rotations to the nearest (F, A) angles in radians."""
         G = [local[:, :, 0]]
         for joint in (1, 2):
             G.append(G[-1] @ local[:, :, joint])

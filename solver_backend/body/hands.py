@@ -55,13 +55,13 @@ def with_fingers(body: Body) -> Body:
 
 
 def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
-    """Return the (30, 3, 3) finger rotations from the rest pose to a flat hand, AMASS's zero pose."""
+    """Return (30, 3, 3) finger rotations from rest to a flat hand, AMASS's zero pose."""
     own = body.id == str(_hands_file()["body_id"])
     return _hands_file()["flat"].astype(np.float64) if own else np.tile(np.eye(3), (_NUM_FINGERS, 1, 1))
 
 
 def with_hand_size(body: Body, size: float) -> Body:
-    """Scale a body's hands by the factor ``size``: ``v + (size - 1) d`` with ``hand_size_directions`` d."""
+    """Scale a body's hands: ``v + (size - 1) d`` with ``hand_size_directions`` d."""
     if not size > 0.0:
         raise BodyInvalid(f"The relative hand size is {size}, but a positive number is expected.", where=body.id)
     if size == 1.0:
@@ -121,7 +121,7 @@ def by_finger(values: np.ndarray) -> np.ndarray:
 
 
 def finger_rotations(body: Body, angles: Float[np.ndarray, "frames 2 a"]) -> Float[np.ndarray, "frames 30 3 3"]:
-    """Convert finger angles (F, 2, A) in radians to local rotations (F, 30, 3, 3) in SMPL-H's joint order.
+    """Convert angles (F, 2, A) in radians to rotations (F, 30, 3, 3) in SMPL-H's order.
 
     Both have the left hand first.
     """
@@ -137,7 +137,7 @@ def rest_angles(body: Body) -> Float[np.ndarray, "2 a"]:
 
 
 def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = None) -> Float[np.ndarray, "21 3"]:
-    """Return the (21, 3) ``HAND_POINTS`` of a body at rest in metres, for the mean shape by default."""
+    """Return (21, 3) ``HAND_POINTS`` of a resting body in metres, with the mean shape by default."""
     rows, tips = _joints(side), tip_vertices(body)[side]
     joints, ends = body.joints_template[rows], body.v_template[tips]
     if betas is not None:
@@ -148,7 +148,7 @@ def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = 
 
 @lru_cache(maxsize=8)
 def tip_vertices(body: Body) -> Int[np.ndarray, "2 5"]:
-    """Return the (2, 5) fingertip vertices: the ones farthest along the last bone of each finger."""
+    """Return (2, 5) fingertip vertices, which are farthest along each finger's last bone."""
     tips = np.zeros((len(SIDES), len(FINGERS)), dtype=int)
     for side in range(len(SIDES)):
         for finger, last in enumerate(_joints(side)[3::3]):

@@ -18,12 +18,12 @@ MARGIN_DEG = 15.0  # Tolerance at both ends, for differences between people (10 
 
 
 def excess_deg(local: Array) -> Array:
-    """Return (N, 21) degrees by which rotations of joints 1..21 exceed their range plus margin, or 0 within it."""
+    """Return (N, 21) degrees by which joints 1..21 exceed their range plus margin, or 0."""
     return _beyond(swing_and_twist(local) * (180.0 / np.pi), _LOW, _HIGH)
 
 
 def posture_excess_deg(local: Array) -> Array:
-    """Return the same excess degrees (N, 21), with a measure for the knees that suits deep bends.
+    """Return the same excess degrees (N, 21), with a measure for knees that bend deeply.
 
     People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, heels up), and the
     swing axis tilts. Near 180 degrees a tilted axis barely moves the shin sideways. Knees therefore use the shin's
@@ -58,7 +58,7 @@ def swing_and_twist(local: Array) -> Array:
 
 
 def from_swing_and_twist(angles: Array) -> Array:
-    """Convert (N, 21, 3) angles in radians to (N, 21, 3, 3) rotations, the inverse of ``swing_and_twist``."""
+    """Convert (N, 21, 3) angles to (N, 21, 3, 3) rotations, inverting ``swing_and_twist``."""
     twist = constant(_TWIST, angles) * angles
     return array_namespace(angles).matmul(exp_so3(angles - twist), exp_so3(twist))
 

@@ -55,7 +55,7 @@ _OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}  # Joi
 
 
 def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
-    """Map the labels of a skeleton's joint centres to body locations, or to "" where a label is not used.
+    """Map labels of a skeleton's joint centres to locations, or to "" if a label is not used.
 
     A location is ``=`` and a body joint, or ``~`` and a detector keypoint. The result is empty if fewer than
     ``LEAST_SHARE`` of the labels are words from one vocabulary, or if no limb exists on both sides.
@@ -70,7 +70,7 @@ def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
 
 
 def is_joint_centre(place: str) -> bool:
-    """Return whether a location is a joint or a detector keypoint inside the body, not a skin marker."""
+    """Return whether a location is a joint or a keypoint inside the body, not on the skin."""
     return place[:1] in (JOINT, KEYPOINT)
 
 

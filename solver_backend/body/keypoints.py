@@ -67,7 +67,7 @@ _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
 
 
 def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
-    """Return a detector's keypoints as landmarks on a body. Raise ``BodyInvalid`` if a ray misses the skin."""
+    """Return keypoints as landmarks on a body. Raise ``BodyInvalid`` if a ray misses the skin."""
     if joint_set is JointSet.SMPL_24:
         return joint_landmarks(body, SMPL)
     return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)

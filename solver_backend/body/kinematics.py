@@ -54,7 +54,7 @@ def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float
 
 
 def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
-    """Select the axis-angles (F, R - 1, 3) of the joints that motions store, without the root, with 0 where missing."""
+    """Select the axis-angles (F, R - 1, 3) that motions store, with 0 where missing."""
     own = np.array(body.recorded_joints[1:]) - 1
     pose = np.zeros((len(vectors), len(own), 3))
     turned = own < vectors.shape[1]
@@ -63,7 +63,7 @@ def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
 
 
 def pose_feature(local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames features"]:
-    """Return the (F, 9 n) pose features ``flatten(R_j - I)`` for pose correctives (Loper et al. 2015, eq. 9)."""
+    """Return pose features (F, 9 n) ``flatten(R_j - I)`` (Loper et al. 2015, eq. 9)."""
     xp = array_namespace(local)
     return xp.reshape(local - constant(np.eye(3), local), (local.shape[0], -1))
 

@@ -20,7 +20,7 @@ _LARGEST_BYTES = 1_000_000  # Size limit of the file in bytes, chosen by hand.
 
 
 def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:
-    """Write the recognised location of each label, null if it is unknown, or "" if the label is not used."""
+    """Write each label's recognised location, null if unknown, or "" if it is not used."""
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands])
     left_out, known = {*names.virtual, *names.doubled}, {**names.known, **hands}
@@ -30,7 +30,7 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
 
 
 def read_label_places(path: Path | str) -> dict[str, str]:
-    """Read the location of each label from a file. Empty text excludes a marker, and null gives no entry.
+    """Read each label's location. Empty text excludes a marker, and null gives no entry.
 
     A location is a name in the layouts, ``@`` and the joint of the marker's bone, or a hand location such as ``L_FT2``.
 
@@ -49,7 +49,7 @@ def read_label_places(path: Path | str) -> dict[str, str]:
 
 
 def places_given(layout: str) -> dict[str, str]:
-    """Read the user's locations by label from the file ``layout`` (see ``read_label_places``), or {} without a file."""
+    """Read locations from the file ``layout`` (see ``read_label_places``), or {} without one."""
     return read_label_places(layout) if layout else {}
 
 

@@ -119,7 +119,7 @@ _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "O
 
 @dataclass(frozen=True)
 class LabelWords:
-    """Vocabulary for labels: words for body parts and sides in several languages, from the layouts file."""
+    """Vocabulary for labels: body parts and sides in several languages, from a layouts file."""
 
     vocabulary: dict[str, str]  # Word for each spelling, in capitals. Empty for words without meaning.
     alone: dict[str, str]  # Words that mean something else when alone: a single "front" is a forehead.
@@ -225,7 +225,7 @@ class LabelWords:
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Read the vocabulary from a layouts file's contents. Raise ``KeyError`` if a phrase has an unknown word."""
+    """Read a layouts file's vocabulary. Raise ``KeyError`` if a phrase has an unknown word."""
     vocabulary = {form: word for word, forms in values["words"].items() for form in (word, *forms)}
     phrases: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place, texts in values["phrases"].items():
@@ -237,7 +237,7 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
 
 
 def spelt(label: str) -> str:
-    """Remove accents from a label, and write vertebrae like ``C7``. Return "" if the label is too long."""
+    """Remove accents, and write vertebrae like ``C7``. Return "" if the label is too long."""
     if len(label) > LONGEST_LABEL:
         return ""
     decomposed = unicodedata.normalize("NFKD", label.translate(_SPELT))

@@ -121,7 +121,7 @@ def rotation_jacobian(
     correction: Float[Array, "frames landmarks 3"] | None,
     count: int,
 ) -> Float[Array, "frames landmarks 3 tangents"]:
-    """Return the (F, L, 3, 3·count) derivatives of landmarks w.r.t. left tangents of the root and the first joints.
+    """Return derivatives (F, L, 3, 3·count) of landmarks w.r.t. left tangents of the root and joints.
 
     A left tangent d at joint k rotates everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
     ``r_lk = sum_{c below k} G_c h_lc``. This is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
@@ -150,7 +150,7 @@ def rotation_jacobian(
 
 
 def _arms(xp: Any, points: Array) -> Array:
-    """Return the (F, 3 L, 6) matrices ``[-[y]x | I]``, which map a screw to the velocity of each point y."""
+    """Return (F, 3 L, 6) matrices ``[-[y]x | I]`` that map a screw to each point's velocity."""
     arms = xp.matmul(points, constant(_ARM_BY_POINT, points)) + constant(_ARM_AT_ORIGIN, points)
     return xp.reshape(arms, (points.shape[0], -1, 6))
 
@@ -169,7 +169,7 @@ def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
 def _others(
     xp: Any, pairs: _LandmarkPairs, G: Array, local: Array, lever_map: Array, correction: Array | None
 ) -> Array:
-    """Return the (F, 3, 3, N) Jacobian columns, by axis and tangent, of the pairs that are not whole."""
+    """Return Jacobian columns (F, 3, 3, N), by axis and tangent, of pairs that are not whole."""
     frames, num_pairs = G.shape[0], len(pairs.landmark)
     lever = xp.matmul(xp.reshape(xp.permute_dims(G, (0, 2, 1, 3)), (3 * frames, -1)), lever_map)
     lever = xp.reshape(lever, (frames, 3, num_pairs))

@@ -32,7 +32,7 @@ class Family:
     virtual: frozenset[str]  # Names of computed points.
 
     def fits(self, keys: frozenset[str]) -> bool:
-        """Return whether a recording with these keys of labels uses this naming system."""
+        """Return whether a recording with these label keys uses this naming system."""
         return len(self.signs & keys) >= _LEAST_SIGNS
 
 

@@ -196,7 +196,7 @@ class MarkerNames:
 
 
 def least_markers(places: Collection[str]) -> int:
-    """Return the number of markers that a solve needs. It is smaller if all are on one arm or leg."""
+    """Return the number of markers that a solve needs, fewer for a single arm or leg."""
     return LEAST_LIMB_MARKERS if of_one_limb(places, load_layouts()) else LEAST_MARKERS
 
 

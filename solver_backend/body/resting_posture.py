@@ -63,7 +63,7 @@ def _bend(name: str, joint: str) -> np.ndarray:
 
 
 def _hanging(frame: np.ndarray, name: str, side: float) -> np.ndarray:
-    """Return the (F, 3) unit directions of a hanging limb in (F, 3, 3) frames of the trunk or pelvis."""
+    """Return unit directions (F, 3) of a hanging limb in frames of the trunk or pelvis."""
     gravity = -frame[:, 2]
     down = np.maximum(-gravity[:, 1], 0.0) + ALONG_TRUNK[name]
     outwards = side * (ASIDE[name] * down + np.maximum(side * gravity[:, 0], 0.0))

@@ -42,7 +42,7 @@ def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
 
 
 def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> Float[np.ndarray, "n 21 3"] | None:
-    """Return the (F, 21, 3) ``HAND_POINTS`` of one hand (0 left, 1 right), or None if the skeleton has no such hand."""
+    """Return (F, 21, 3) ``HAND_POINTS`` of one hand (0 left, 1 right), or None without it."""
     name = SIDES[side]
     index = {role: motion.names.index(joint) for role, joint in roles.items() if role.startswith(f"{name}_")}
     if not all(f"{name}_{finger}_{_BONES}" in index for finger in _NEEDED) or f"{name}_hand" not in index:
@@ -59,7 +59,7 @@ def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -
 
 
 def finger_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Measure (F, A) finger angles (see ``measure_angles``) and (F, 3, 3) palm rotations on (F, 21, 3) hand points."""
+    """Measure finger angles (F, A) and palm rotations (F, 3, 3) on (F, 21, 3) hand points."""
     with np.errstate(invalid="ignore"):
         return measure_angles(points, side), palm_frames(points, side)[:, 2]
 
@@ -77,7 +77,7 @@ def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) ->
 
 
 def _tip(motion: SkeletonMotion, bones: list[int]) -> np.ndarray:
-    """Return the (F, 3) positions of a fingertip: a joint of the skeleton, or an extrapolation from the rest pose."""
+    """Return a fingertip (F, 3): a joint of the skeleton, or extrapolated from the rest pose."""
     last = bones[-1]
     ends = [j for j, parent in enumerate(motion.parents) if parent == last]
     ends = [j for j in ends if np.linalg.norm(motion.rest[j] - motion.rest[last]) > 0]

@@ -34,7 +34,7 @@ from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D, Marker
 
 
 def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: float = 6.0) -> np.ndarray:
-    """Return the baseline: (F, K, 3) triangulated keypoints in metres, low-pass filtered by ``butterworth``.
+    """Return the baseline: triangulated keypoints (F, K, 3) in metres, after ``butterworth``.
 
     Gaps are interpolated. A keypoint that is never triangulated is NaN.
     """
@@ -43,7 +43,7 @@ def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: 
 
 
 def bridged(points: np.ndarray) -> np.ndarray:
-    """Interpolate gaps in (F, K, 3) points linearly. Before the first and after the last point, repeat that point."""
+    """Interpolate gaps in points (F, K, 3) linearly. Beyond the ends, repeat the nearest point."""
     frames = np.arange(len(points))
     filled = points.copy()
     for k in range(points.shape[1]):
@@ -55,7 +55,7 @@ def bridged(points: np.ndarray) -> np.ndarray:
 
 
 def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
-    """Filter a signal (F, ...) along its frames with a zero-phase fourth-order Butterworth low-pass filter.
+    """Filter a signal (F, ...) with a zero-phase fourth-order Butterworth low-pass filter.
 
     A second-order filter runs forwards and then backwards over the signal, which is extended by point reflection. Its
     cut-off is corrected so that both passes together are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics and
@@ -97,7 +97,7 @@ CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves w
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a motion, and errors of the baseline on the same capture. None where data are missing."""
+    """Errors of a motion and of the baseline on the same capture. None where data are missing."""
 
     joints_mpjpe_mm: float  # Mean error of the joints that the motion and the truth share, usually SMPL's 24.
     joints_rmse_mm: float  # Mean over frames of the RMS joint error (thesis eq. 4.28).
@@ -233,7 +233,7 @@ def _of_truth(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray,
 
 
 def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the (F, N, 3) points that the motion and the reference share by name, in that order, and their names."""
+    """Return the points (F, N, 3) that the motion and reference share, and their names."""
     markers = capture.markers
     seen = np.isfinite(markers.positions).all(-1).any(0) if markers else ()
     labels = (markers and markers.labels) or ()

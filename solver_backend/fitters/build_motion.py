@@ -17,8 +17,8 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import mean_sigma
 from solver_backend.types import FLAG_RESTING, FLAG_UNSEEN, FLAG_UNSURE, Motion
 
-FAR, FAR_SIGMAS = 3.0, 2.0  # A residual is far if it exceeds this multiple of the take's median, and these sigmas.
-LOOSE, LOOSE_M = 2.0, 0.03  # A joint is loose if its deviation exceeds this multiple of its median, and these metres.
+FAR, FAR_SIGMAS = 3.0, 2.0  # A far residual exceeds this multiple of the median, and this many deviations.
+LOOSE, LOOSE_M = 2.0, 0.03  # A loose joint's deviation exceeds this multiple of its median, and this length.
 
 
 def flagged(

@@ -71,7 +71,7 @@ def has_own_names(cloud: MarkerCloud) -> bool:
 
 
 def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the known locations in a partly labelled take, by column and first frame of each segment.
+    """Return known locations in a partly labelled take, by column and first frame of a segment.
 
     Labelling does not change these names.
     """
@@ -97,7 +97,7 @@ def labelled_capture(
     network: LandmarkNetwork | None = None,
     always: bool = False,
 ) -> tuple[Capture, LabelledTake | None]:
-    """Label a capture's points with the network. Return the capture unchanged if it has enough names.
+    """Label a capture's points with the network, unless it has enough names.
 
     Args:
         user_labels: labels assigned by the user, by column and frame. They apply to the whole segment.

@@ -45,7 +45,7 @@ _BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "
 
 @dataclass(frozen=True)
 class NetworkPoses(Layer):
-    """Layer of a solve: poses relative to the pelvis that a network estimated from one camera's video."""
+    """Layer of a solve: a network's poses relative to the pelvis, from one camera's video."""
 
     camera: str
     term: RelativePositionTerm
@@ -81,7 +81,7 @@ class _Match:
 
     @property
     def local(self) -> np.ndarray | None:
-        """(F, 22, 3, 3) rotations, arbitrary where the result has none. None if the result consists of points."""
+        """(F, 22, 3, 3) rotations, arbitrary where unknown. None if the result consists of points."""
         return None if self.person.local is None else self.person.local[np.maximum(self.rows, 0)]
 
     def of_points(self, points: np.ndarray) -> _Match:
@@ -226,7 +226,7 @@ def _view(capture: Capture, result: StartingResult, landmarks: Landmarks) -> _Vi
 
 
 def _points(person: NetworkResult, landmarks: Landmarks, body: Body, betas: np.ndarray) -> np.ndarray:
-    """Return the landmarks (F, L, 3) relative to the pelvis in camera axes, in metres, NaN where unknown."""
+    """Return landmarks (F, L, 3) relative to the pelvis in camera axes, in metres, or NaN."""
     if person.local is not None:
         still = np.zeros((len(person.frames), 3))
         local = person.local[:, 1:]
@@ -325,7 +325,7 @@ def _rows(person: NetworkResult, numbers: np.ndarray) -> np.ndarray:
 
 
 def _score(points: np.ndarray, view: _View, rows: np.ndarray, most: int = 10**9) -> float:
-    """Return the median distance in metres of an alignment, or NaN if it covers too little of the take."""
+    """Return an alignment's median distance in metres, or NaN if it covers too few frames."""
     frames = np.flatnonzero(rows >= 0)
     if len(frames) < max(LEAST_FRAMES, LEAST_COVERED * len(rows)):
         return np.nan
@@ -373,7 +373,7 @@ def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tup
 def deviations(
     points: np.ndarray, view: _View, sight: np.ndarray, other: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate the deviations (L, 2) of a result's points across and along the line of sight in m.
+    """Estimate the deviations (L, 2) of points across and along the line of sight in metres.
 
     Across, they are the distances of the placed points from their rays. Along, they are the distances from ``other``
     points minus the ``variance`` of these points. The ratio of along to across is at least as large as in the jitter of
@@ -408,7 +408,7 @@ def deviations(
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """Return the robust standard deviations (L,) about zero of values (F, L, n), NaN where unknown."""
+    """Return robust standard deviations (L,) about zero of values (F, L, n), or NaN."""
     rows = np.moveaxis(values, 1, 0).reshape(values.shape[1], -1)
     found = np.full(len(rows), np.nan)
     for number, row in enumerate(rows):  # over points

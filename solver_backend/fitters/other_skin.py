@@ -109,7 +109,7 @@ class OtherSkin:
 
 
 def _columns_in(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the columns of points (F, S, 3) that come within reach of the box around other points."""
+    """Return the columns of points (F, S, 3) within reach of the box around other points."""
     if not others.shape[1]:
         return np.zeros(0, int)
     low, high = others.min(axis=1, keepdims=True) - REACH_M, others.max(axis=1, keepdims=True) + REACH_M

@@ -51,7 +51,7 @@ class OwnPoints(Layer):
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray) -> OwnPoints:
-        """Create the layer from a person's triangulated points. ``sigma_px`` is broadcast to (C, F, K + N)."""
+        """Create the layer from triangulated points. ``sigma_px`` is broadcast to (C, F, K + N)."""
         sigma_px = np.broadcast_to(sigma_px, keypoints.confidence.shape)
         return cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px)
 
@@ -128,7 +128,7 @@ def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
 
 
 def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settings: SolveSettings) -> PlacedPoints:
-    """Fit the points' positions to the detections, together with the body shape and sample poses."""
+    """Fit the points' positions, body shape and sample poses to the detections."""
     count, subject = len(placed.points), solved.subject
     frames = sample_frames(full.measurements, SAMPLE_FRAMES)
     poses = solved.frames.select(index(frames, solved.frames.transl))

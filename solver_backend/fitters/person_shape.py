@@ -34,7 +34,7 @@ FIXED = 1e12  # Precision of unknowns that are kept.
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """Prior for a person's body shape and landmark offsets. Shape coefficients have unit variance."""
+    """Prior for body shape and landmark offsets. Shape coefficients have unit variance."""
 
     offset_sigma_m: float | np.ndarray = 0.02  # Deviation of a detector's points from landmarks, (L,) or one for all.
     evidence: float = 0.2  # Share of new information per frame, because detector noise is correlated in time.
@@ -246,7 +246,7 @@ def find_contacts(
     sight: np.ndarray | None = None,
     heights: np.ndarray | None = None,
 ) -> Contacts:
-    """Find the frame ranges in which points on the feet are slow and low, so that the foot is planted.
+    """Find frame ranges in which points on a foot are slow and low, so that it is planted.
 
     Args:
         points: (F, L, 3) solved positions in metres, Z up.
@@ -288,7 +288,7 @@ RANGE = (0.2, 5.0)  # Limits of a keypoint's variance in one view relative to th
 
 
 def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
-    """Return the data term, with learned noise variances for the points in each view if the settings request it."""
+    """Return the data term, with learned noise of each point and view if the settings ask for it."""
     data = problem.measurements.term
     if not settings.learn_noise:
         return data
@@ -309,7 +309,7 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
 
 
 def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: float) -> DataTerm:
-    """Learn noise variances as in ``reweighted``, from the landmark positions (S, L, 3) in S sample frames."""
+    """Learn variances like ``reweighted``, from landmarks (S, L, 3) in S sample frames."""
     xp = array_namespace(points)
     found = part.residuals(points)
     inlier = found.inliers(scale)

@@ -174,7 +174,7 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
 
 
 def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
-    """Yield warnings about settings that the chosen method, its layers or a single camera ignore."""
+    """Yield warnings about settings that the method, its layers or a single camera ignore."""
     read = {name for layer in measured.layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
     if idle:
@@ -196,7 +196,7 @@ def prepare(
     start: Motion | None = None,
     results: Sequence[StartingResult] = (),
 ) -> Problem:
-    """Prepare the problem of solving a capture from its views, or from its markers if it has no keypoints."""
+    """Prepare the problem of solving a capture from its views, or else from its markers."""
     markers = capture.markers if capture.keypoints is None else None
     if markers is None:
         capture.require_views()
@@ -354,7 +354,7 @@ def solve(
 
 
 def _with_stature(found: Solution, stature: float, known: float, *, has_shape: bool) -> Solution:
-    """Record the body's stature, and its difference from the user's value ``known`` (0 if unknown).
+    """Record the stature, and its difference from the user's value ``known`` (0 if unknown).
 
     Args:
         has_shape: the user specifies the body's shape, which determines the stature.
@@ -377,7 +377,7 @@ def solve_problem(
     provenance: Mapping[str, Any] | None = None,
     each: Stretches = in_turn,
 ) -> Solution:
-    """Solve a person's motion from any measurements. ``provenance`` is added to the motion's provenance."""
+    """Solve a person's motion. ``provenance`` is added to the motion's provenance."""
     method = METHODS[settings.method]
     problem, full, solved, convergence = _solve_body(problem, settings, progress, each)
     solved, _ = full.measurements.source.after(full, solved, settings, progress)

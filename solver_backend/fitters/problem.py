@@ -67,7 +67,7 @@ class PointSource(Layer):
     """Layer with the points that determine the body, such as keypoints or markers."""
 
     KEEPS_BONES: ClassVar[bool] = False  # Whether ``record`` needs the bones' rotations, which take the most memory.
-    REST: ClassVar[RestWords]  # Text that reports uninformed body parts.
+    REST: ClassVar[RestWords]  # Text that reports undetermined body parts.
 
     @property
     def recipe(self) -> str:
@@ -227,7 +227,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Convergence of a solve at its last robust scale, over parts that are solved one after another."""
+    """Convergence of a solve at its last robust scale, over parts solved one after another."""
 
     parts: int
     converged: int  # Number of parts whose cost is stable.

@@ -398,7 +398,7 @@ UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)  # Standard deviations beyond whic
 
 
 def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tuple[tuple[Prop, ...], list[Diagnostic]]:
-    """Find and solve the props among markers that the person does not wear. Return them with diagnostics."""
+    """Find and solve props among markers that the person does not wear, with diagnostics."""
     found = [(cloud, group) for cloud in markers.others for group in loose_groups(cloud)]
     for cloud in markers.loose:
         frames = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))

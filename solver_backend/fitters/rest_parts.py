@@ -79,7 +79,7 @@ class Stance:
 
 
 def stance(rotations: np.ndarray, places: np.ndarray, fps: float) -> Stance:
-    """Derive the posture from the rotations (F, 3, 3) and positions (F, 3) of a pelvis in metres, Z up."""
+    """Derive the posture from a pelvis: rotations (F, 3, 3), and positions (F, 3) in metres."""
     lean = np.degrees(np.arccos(np.clip(rotations[:, 2, 1], -1.0, 1.0)))
     half, every = max(1, round(0.5 * WINDOW_S * fps)), np.arange(len(places))
     first, last = np.maximum(every - half, 0), np.minimum(every + half, len(places) - 1)
@@ -207,7 +207,7 @@ def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Map
 
 
 def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tuple[str, float]:
-    """Return a text that lists the unmeasured joints not at rest, and their largest deviation in metres."""
+    """Return text that lists unmeasured joints not at rest, and their largest deviation in m."""
     kept = {name: sigma for name, sigma in assumed.items() if name not in at_rest}
     words = list(dict.fromkeys(word for name in kept if (word := _WORDS.get(name.split("_")[-1].rstrip("123")))))
     return joined_words(words), max(kept.values(), default=0)
@@ -322,7 +322,7 @@ def resting_shares(
 
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
-    """Return the parts that the measurements do not determine in any frame, for landmarks without offsets."""
+    """Return the parts that measurements never determine, for landmarks without offsets."""
     return parts_without(body, measurements.landmarks, measurements.located.any(axis=0))
 
 
@@ -333,7 +333,7 @@ def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tupl
 
 
 def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
-    """Return the distances (L, J) in metres that landmarks at rest move per radian at each joint."""
+    """Return distances (L, J) in metres that landmarks at rest move per radian at each joint."""
     below = subtree_matrix(body.parents)
     share = landmarks.weights @ below.T
     places = np.einsum("jb,lbi->lji", below, landmarks.anchors) + share[..., None] * offsets[:, None]
@@ -353,7 +353,7 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 
 
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
-    """Put undetermined parts of the poses at rest. Return the same object if all parts are determined.
+    """Put undetermined parts at rest. Return the same object if all parts are determined.
 
     ``pinned`` are frames with a pose that the user set.
     """

@@ -156,7 +156,7 @@ def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> 
 
 
 def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray, progress: Progress = silent) -> FrameStates:
-    """Fit poses to the known points of some frames, starting from the lifter's pose or the best start pose."""
+    """Fit poses to some frames' points, from the lifter's pose or the best start pose."""
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
     report = partial(_report, progress, len(blocks))
@@ -179,7 +179,7 @@ def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameS
 
 
 def lifted_betas(subject: Subject, measurements: Measurements, frames: np.ndarray) -> Array:
-    """Return the mean of the lifter's body shapes (10,), or the subject's shape if no frame can be lifted."""
+    """Return the lifter's mean body shape (10,), or the subject's if no frame can be lifted."""
     lifted = _lifted(subject, points_term(measurements, frames, subject.betas))
     xp = array_namespace(lifted.betas)
     count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))

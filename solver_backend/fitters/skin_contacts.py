@@ -129,7 +129,7 @@ def _by_part(points: np.ndarray, parts: np.ndarray) -> np.ndarray:
 
 
 def parts_of_skin(body: Body) -> np.ndarray:
-    """Return the part in ``CONTACT_PARTS`` of each vertex, from the joint with the largest skinning weight."""
+    """Return each vertex's part in ``CONTACT_PARTS``, from its largest skinning weight."""
     numbers, of_joint = list(CONTACT_PARTS), np.full(len(body.parents), -1)
     for joint, (name, parent) in enumerate(zip(body.layout.joints, body.parents, strict=True)):
         part = part_of_joint(name)
@@ -284,7 +284,7 @@ def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarr
 
 
 def _anchors(place: np.ndarray, held: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Return the mean positions (F, S, 3) over each contact, or over its frames in ``fixed`` (F,) if it has any."""
+    """Return mean positions (F, S, 3) over each contact, or over its ``fixed`` frames, if any."""
     anchors = np.zeros(place.shape)
     for k in range(held.shape[1]):
         for first, last in true_runs(held[:, k]):

@@ -63,7 +63,7 @@ def astype(values: Array, precision: Any) -> Array:
 
 
 def solved(A: Array, B: Array) -> Array:
-    """Solve the linear systems ``A X = B`` for (..., n, n) matrices A and (..., n, m) right-hand sides B.
+    """Solve the linear systems ``A X = B`` for matrices A (..., n, n) and B (..., n, m).
 
     Raises:
         LinAlgError: a matrix is singular.
@@ -82,7 +82,7 @@ def zeros(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array
 
 
 def empty(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
-    """Return an uninitialised array of the same kind, type (unless given) and device as ``like``."""
+    """Return an uninitialised array with the kind, device and (by default) type of ``like``."""
     return array_namespace(like).empty(shape, dtype=dtype or like.dtype, device=device_of(like))
 
 
@@ -92,7 +92,7 @@ def identity(size: int, like: Array, dtype: Any = None) -> Array:
 
 
 def unset(shape: tuple[int, ...], like: Array) -> Array:
-    """Return an uninitialised array for large results, of the same kind, type and device as ``like``.
+    """Return an uninitialised array for large results, with kind, type and device of ``like``.
 
     On the CPU, NumPy allocates it in huge pages. The first write to torch's small pages takes five times as long.
     """

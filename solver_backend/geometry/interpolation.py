@@ -147,7 +147,7 @@ class KeyWeights:
     """(..., n, n, n) coefficients: ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
     def vjp(self, cotangent: Float[Array, "*#batch d"]) -> Float[Array, "... n d"]:
-        """Convert the (..., d) derivative w.r.t. the point to the (..., n, d) derivatives w.r.t. the keys."""
+        """Convert derivatives (..., d) w.r.t. the point to ones (..., n, d) w.r.t. the keys."""
         xp = array_namespace(cotangent)
         along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
         mixed = sum_of_rows(self.mixing * along[..., None, :, None])
@@ -230,7 +230,7 @@ def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflec
 
 
 def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array], tuple[Array, Array]]:
-    """Return the SLERP point, the weights of ``a`` and ``b``, and the weights' derivatives w.r.t. ``a·b``."""
+    """Return the SLERP point, the weights of ``a`` and ``b``, and their slopes w.r.t. ``a·b``."""
     xp = array_namespace(a, b)
     y = 0.25 * xp.sum((a - b) ** 2, axis=-1)
     z = 0.25 * xp.sum((a + b) ** 2, axis=-1)

@@ -25,7 +25,7 @@ def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
 
 
 def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of markers that jump relative to their (M, n) neighbours, at least once in the take."""
+    """Return an (M,) mask of markers that ever jump relative to their (M, n) neighbours."""
     moved = np.diff(points, axis=0)
     jumps = np.zeros(points.shape[1], dtype=bool)
     for m, near in enumerate(around):
@@ -59,7 +59,7 @@ def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
-    """Return an (F, M) mask of frozen markers: they do not move at all while their neighbours do.
+    """Return an (F, M) mask of frozen markers, which do not move while their neighbours do.
 
     Other markers that are motionless in exactly the same frames also count, because a program froze them together.
     """
@@ -99,7 +99,7 @@ def _middle(values: np.ndarray) -> np.ndarray:
 
 
 def _least(values: np.ndarray) -> np.ndarray:
-    """Return the (F,) smallest length over the visible markers n in (F, n, 3), or 0 if there are none."""
+    """Return the smallest length (F,) over visible markers n in (F, n, 3), or 0 without any."""
     length = np.linalg.norm(values, axis=-1)
     least = np.where(np.isfinite(length), length, np.inf).min(axis=1, initial=np.inf)
     return np.where(np.isfinite(least), least, 0.0)

@@ -69,7 +69,7 @@ class Obstacles:
 
 
 def _from_surface(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return signed distances (N,) of points from a mesh, and unit vectors (N, 3) of increasing distance."""
+    """Return signed distances (N,) from a mesh, and unit vectors (N, 3) of increasing distance."""
     closest = _closest(points, triangles)
     away = points[:, None] - closest
     squared = (away**2).sum(axis=-1)
@@ -139,7 +139,7 @@ def read_obstacles(path: Path | str) -> Obstacles:
 
 
 def _read_mesh(path: Path) -> np.ndarray:
-    """Return the (T, 3, 3) triangles of an OBJ file. Convex polygons are split into triangle fans."""
+    """Return an OBJ file's triangles (T, 3, 3). Convex polygons are split into fans."""
     vertices, faces, polygon = list[list[float]](), list[list[int]](), list[int]()
     try:
         for line in require_file(path).read_text(encoding="utf-8", errors="replace").splitlines():
@@ -168,7 +168,7 @@ def _read_mesh(path: Path) -> np.ndarray:
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether each edge of the mesh belongs to exactly two triangles, once in each direction."""
+    """Return whether every edge belongs to exactly two triangles, once in each direction."""
     places, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
     edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])

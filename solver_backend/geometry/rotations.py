@@ -91,7 +91,7 @@ def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 
 def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
-    """Convert (..., 4) non-zero quaternions to (..., 3) rotation vectors between 0 and π rad long.
+    """Convert non-zero quaternions (..., 4) to rotation vectors (..., 3) of length 0 to π.
 
     ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``, exact at 0 and at π (Grassia 1998).
     """
@@ -107,7 +107,7 @@ def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
 
 
 def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]:
-    """Return the (..., 4, 3) matrices ``G`` in ``quat(exp(ω)) q ≈ q + G ω`` for small left rotations ω.
+    """Return matrices ``G`` (..., 4, 3) in ``quat(exp(ω)) q ≈ q + G ω`` for left rotations ω.
 
     ``G ω = ½ (0, ω) q``. For unit ``q`` it satisfies ``Gᵀ G = I/4``. A change dq of the quaternion is therefore the
     left rotation ``ω = 4 Gᵀ dq``: ``R(q + dq) ≈ exp([4 Gᵀ dq]x) R(q)``.
@@ -155,7 +155,7 @@ def exp_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
-    """Return the (..., 3) rotation vectors v between 0 and π long with ``exp_so3(v) = R``."""
+    """Return the rotation vectors v (..., 3) of length 0 to π with ``exp_so3(v) = R``."""
     return rotvec_from_quat(quat_from_matrix(R))
 
 
@@ -256,7 +256,7 @@ def _horner(x: Array, coefficients: tuple[float, ...]) -> Array:
 
 
 def _polynomial(v: Array, first: Array, second: Array) -> Array:
-    """Evaluate the polynomial ``I + first [v]x + second [v]x²`` in the cross-product matrix of v."""
+    """Evaluate ``I + first [v]x + second [v]x²`` in the cross-product matrix of v."""
     identity = constant(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), v)
     outer = v[..., :, None] * v[..., None, :]
     square = squared_length(v)[..., None, None]

@@ -70,7 +70,7 @@ def _key(rotation: Array, transl: Array, key: int) -> _Moved:
 
 
 def _geodesic(a: _Moved, b: _Moved, s: Array) -> _Moved:
-    """Return the rigid motions at fractions s (F,) of the geodesics from a to b, also beyond their ends."""
+    """Return rigid motions at fractions s (F,) of geodesics from a to b, or beyond the ends."""
     xp = array_namespace(s)
     back = xp.matrix_transpose(a.rotation)
     between = xp.matmul(back, b.rotation), _apply(back, b.transl - a.transl)

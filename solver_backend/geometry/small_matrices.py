@@ -36,7 +36,7 @@ def packed(A: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
 
 
 def unpacked(entries: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
-    """Return the (..., 3, 3) symmetric matrices with the given (..., 6) entries xx, xy, xz, yy, yz, zz."""
+    """Return symmetric (..., 3, 3) matrices from (..., 6) entries xx, xy, xz, yy, yz, zz."""
     xp = array_namespace(entries)
     order = [_PACKED.index((min(i, j), max(i, j))) for i in range(3) for j in range(3)]
     return xp.reshape(xp.stack([entries[..., k] for k in order], axis=-1), (*entries.shape[:-1], 3, 3))
@@ -74,7 +74,7 @@ def sum_of_rows(values: Float[Array, "*batch rows columns"]) -> Float[Array, "*b
 
 
 def any_coordinate(mask: Array) -> Array:
-    """Return a (...) mask that is true where at least one of the d entries of (..., d) is true, for small d."""
+    """Return a (...) mask that is true where any of the d entries of (..., d) is true."""
     some = mask[..., 0]
     for i in range(1, mask.shape[-1]):
         some = some | mask[..., i]

@@ -16,7 +16,7 @@ Expected = tuple["int | str | EllipsisType", ...]  # Sizes, or names for any siz
 
 
 def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
-    """Convert both arrays to float64. Raise ``ShapeMismatch`` if their shapes differ or are not as expected."""
+    """Convert both arrays to float64. Raise ``ShapeMismatch`` if the shapes are not as expected."""
     found, truth = np.asarray(found, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     if found.shape != truth.shape:
         message = f"Arrays of shapes {found.shape} and {truth.shape} cannot be compared."
@@ -25,7 +25,7 @@ def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tupl
 
 
 def has_shape(values: np.ndarray, expected: Expected, name: str = "The array") -> np.ndarray:
-    """Convert the array to float64. Raise ``ShapeMismatch`` if it does not have the expected shape."""
+    """Convert the array to float64. Raise ``ShapeMismatch`` if its shape is not as expected."""
     values = np.asarray(values, dtype=np.float64)
     free = bool(expected) and expected[0] is ...
     fixed = expected[1:] if free else expected
@@ -101,7 +101,7 @@ WORLD_FRAMES = 100  # Number of frames in a segment that is aligned as a whole (
 
 
 def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> float:
-    """Return WA-MPJPE-100, the MPJPE in mm after aligning each segment of 100 frames by one similarity.
+    """Return WA-MPJPE-100 in mm, which aligns each segment of 100 frames by one similarity.
 
     ``fitted`` = 2 gives W-MPJPE-100, where the similarity is fitted to the first two frames of each segment. A shorter
     last segment counts if it has at least two frames. References: Ye et al. 2023, "Decoupling human and camera motion
@@ -134,7 +134,7 @@ def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
 def geodesic_deg(
     found: Float[np.ndarray, "*batch 3 3"], truth: Float[np.ndarray, "*batch 3 3"]
 ) -> Float[np.ndarray, " *batch"]:
-    """Return the angles in degrees (0 to 180) between (..., 3, 3) rotations, or NaN where a rotation is missing.
+    """Return angles in degrees (0 to 180) between rotations (..., 3, 3), NaN where missing.
 
     ``2 asin(|A - B|_F / (2 √2))`` keeps its precision at small angles, unlike the arc cosine of the trace (Hartley et
     al. 2013, "Rotation averaging", sec. 4).
@@ -147,7 +147,7 @@ def geodesic_deg(
 def angle_mae_deg(
     found: Float[np.ndarray, "*batch joints 3 3"], truth: Float[np.ndarray, "*batch joints 3 3"]
 ) -> float:
-    """Return the mean angular error in degrees of (..., J, 3, 3) relative joint rotations (thesis 6.3.4)."""
+    """Return the mean error in degrees of relative joint rotations (..., J, 3, 3) (thesis 6.3.4)."""
     same_shape(found, truth, (..., "joints", 3, 3))
     return mean_or_nan(geodesic_deg(found, truth))
 
@@ -165,7 +165,7 @@ def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelera
 
 
 def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
-    """Return the mean length of the acceleration error in m/s², or NaN for fewer than three frames.
+    """Return the mean acceleration error in m/s², or NaN for fewer than three frames.
 
     Reference: Kanazawa et al. 2019, "Learning 3D human dynamics from video", sec. 4.
     """
@@ -175,7 +175,7 @@ def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
 
 
 def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0) -> float:
-    """Return how far (F, N, 3) standing toes slide along the floor, in centimetres per frame (Z up).
+    """Return how far standing toes (F, N, 3) slide on the floor, in cm per frame (Z up).
 
     ``FS = 1/N Σ v (2 - 2^(h/H))`` over frames with ``h ≤ H``: ``v`` is the horizontal distance to the next frame, ``h``
     the height above the floor (at least 0), and ``H`` is ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the
@@ -217,7 +217,7 @@ Features = Float[np.ndarray, "samples features"]
 
 
 def frechet_distance(generated: Features, real: Float[np.ndarray, "others features"]) -> float:
-    """Return the Fréchet distance (FID) between two sets of (N, D) features, in their squared unit.
+    """Return the Fréchet distance (FID) between (N, D) features, in their squared unit.
 
     ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, with means μ and covariances Σ. The trace of the root is computed
     from the symmetric ``(Σ_a^½ Σ_b Σ_a^½)^½``. Reference: Heusel et al. 2017, "GANs trained by a two time-scale update

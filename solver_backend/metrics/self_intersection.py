@@ -54,7 +54,7 @@ def capsules_of(body: Body) -> Capsules:
 
 
 def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> Float[np.ndarray, " poses"]:
-    """Return the (N,) depths in metres of the deepest intersection of two capsules in each of N poses.
+    """Return depths (N,) in metres of the deepest capsule intersection in each pose.
 
     ``joints`` are (N, 24, 3) in metres, of an SMPL body of mean shape. The depth is ``max(0, r_a + r_b - d(a, b))``
     over all pairs of capsules with radii r, where d is the distance between their axes (Ericson 2005, 5.1.9).
@@ -66,7 +66,7 @@ def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> 
 
 
 def self_intersection_percent(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> float:
-    """Return the percentage of poses in which two capsules intersect by more than ``TOLERANCE_M``."""
+    """Return the percentage of poses in which two capsules overlap by over ``TOLERANCE_M``."""
     return 100.0 * float(np.mean(self_intersection_m(body, joints) > TOLERANCE_M))
 
 
@@ -90,7 +90,7 @@ def _climbed(i: int, j: int, parents: tuple[int, ...]) -> int:
 
 
 def _depths(joints: np.ndarray, capsules: Capsules) -> np.ndarray:
-    """Return (N, P) intersection depths in metres of P capsule pairs, negative where two capsules do not touch."""
+    """Return (N, P) intersection depths of capsule pairs in metres, negative if apart."""
     ends = np.array(capsules.ends)
     first, second = (np.array([pair[side] for pair in capsules.pairs], dtype=int) for side in (0, 1))
     p, u = joints[:, ends[first, 0]], joints[:, ends[first, 1]] - joints[:, ends[first, 0]]

@@ -137,7 +137,7 @@ def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Ca
 
 
 def decoded_rotations_with_jacobian(decoder: DenseStack, z: Codes) -> tuple[Poses, CodeJacobian]:
-    """Return (N, 21, 3, 3) rotations and the derivative of their left tangents w.r.t. the code, (N, 21, 3, d)."""
+    """Return rotations (N, 21, 3, 3), and derivatives (N, 21, 3, d) of their left tangents."""
     xp = array_namespace(z)
     parts = [_block(decoder, z[i : i + _BLOCK]) for i in range(0, max(1, z.shape[0]), _BLOCK)]
     if len(parts) == 1:
@@ -184,7 +184,7 @@ class PoseAutoencoder(AutoencodingPrior):
         return self._encoder.widths, self._decoder.widths
 
     def decode(self, z: Codes) -> Poses:
-        """Decode (N, d) codes to (N, 21, 3, 3) local rotations. Raises the errors of ``check_codes``."""
+        """Decode codes (N, d) to rotations (N, 21, 3, 3). Raises the errors of ``check_codes``."""
         return decoded_rotations(self._decoder_for(z), z)
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
@@ -212,7 +212,7 @@ class PoseAutoencoder(AutoencodingPrior):
         return reconstruction_energy(rotations, self.reconstruct(rotations), self.residual_sigma)
 
     def decoder_like(self, like: Array) -> DenseStack:
-        """Convert the decoder to the array type, precision and device of ``like``, without checking codes."""
+        """Convert the decoder to the array type, precision and device of ``like``."""
         return self._stacks(like)[1]
 
     def _decoder_for(self, z: Array) -> DenseStack:
@@ -220,7 +220,7 @@ class PoseAutoencoder(AutoencodingPrior):
         return self.decoder_like(z)
 
     def _stacks(self, like: Array) -> tuple[DenseStack, DenseStack]:
-        """Convert encoder and decoder to the array type, precision and device of ``like``, and cache the result."""
+        """Convert both networks to the type, precision and device of ``like``, and cache them."""
         key = (type(like), str(like.dtype), str(device_of(like)))
         if key not in self._moved:
             self._moved[key] = (self._encoder.like(like), self._decoder.like(like))

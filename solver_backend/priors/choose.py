@@ -80,7 +80,7 @@ class GaussianOnSphere(AutoencodingPrior):
 
 
 def load_prior(choice: str = AUTO_PRIOR) -> AutoencodingPrior:
-    """Load a prior by name (``NAMES``) or file, with zero-mean unit vectors as codes. The default is SPoser.
+    """Load a prior by name or file, with zero-mean unit codes. The default is SPoser.
 
     Raises:
         FileMissing, WeightsInvalid, JobInvalid: the file is missing or invalid, or a solve cannot decode the prior.

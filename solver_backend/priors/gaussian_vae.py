@@ -37,7 +37,7 @@ class GaussianVAE(PoseAutoencoder):
         return self.posterior(rotations)[0]
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return half the squared length of the codes (N,), which is their negative log density up to a constant."""
+        """Return half the codes' squared length (N,), their negative log density up to a constant."""
         z = self.encode(rotations)
         return 0.5 * array_namespace(z).sum(z * z, axis=-1)
 

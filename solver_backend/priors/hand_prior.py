@@ -35,7 +35,7 @@ class HandPrior:
         return cls(mean, covariance, low, high, np.linalg.inv(covariance))
 
     def equations(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return costs (n,), gradients (n, A) and Gauss-Newton matrices (n, A, A) at n sets of angles (n, A)."""
+        """Return costs (n,), gradients (n, A) and Gauss-Newton matrices (n, A, A) at angles (n, A)."""
         off = angles - self.mean
         pulled = off @ self.precision
         cost, gradient, stiffness = self.limits(angles)

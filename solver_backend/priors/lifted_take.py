@@ -79,7 +79,7 @@ class LiftedTake:
 
     @property
     def up(self) -> np.ndarray:
-        """Unit vector (3,) against gravity in camera axes, estimated from all frames that show the person."""
+        """Unit vector (3,) against gravity in camera axes, estimated from all frames."""
         seen = (self.confidence > 0).sum(axis=1) >= LEAST_POINTS
         up = self.view.up[seen if seen.any() else slice(None)].sum(axis=0)
         return up / max(float(np.linalg.norm(up)), 1e-9)
@@ -92,7 +92,7 @@ class LiftedTake:
         return points + places[:, None], places
 
     def off_rays(self, body: Body, landmarks: Landmarks) -> np.ndarray:
-        """Return the (F,) mean distances in metres between an average person's points and their viewing rays."""
+        """Return mean distances (F,) in metres of an average person's points from their rays."""
         points, _ = self.placed(body, landmarks, np.zeros(body.shapedirs.shape[-1]))
         seen = self.confidence > 0
         off = np.linalg.norm(points[..., :2] - np.where(seen[..., None], self.image, 0.0) * points[..., 2:], axis=-1)
@@ -212,7 +212,7 @@ def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up
 def _lower(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the n frames with a visible foot, and the index of the foot point with the lowest sole in each."""
+    """Return the n frames with a visible foot, and the foot point with the lowest sole."""
     columns = np.array([k for k, name in enumerate(names) if name in _FEET], dtype=int)
     if not len(columns):
         return columns, columns
@@ -225,7 +225,7 @@ def _lower(
 def up_by_floor(
     take: LiftedTake, points: np.ndarray, names: tuple[str, ...], expected: np.ndarray | None = None
 ) -> np.ndarray:
-    """Tilt the lifter's up direction (3,) in camera axes so that the feet come closer to one height.
+    """Tilt the lifter's up direction (3,) so that the feet come closer to one height.
 
     The tilt is the minimum ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, where h are the heights of
     N lower soles, of which n are independent. ``points`` (F, L, 3) are in camera axes, or in other axes if ``expected``

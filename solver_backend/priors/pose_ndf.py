@@ -41,7 +41,7 @@ _LEAST_RAD = 0.01  # Standard deviation in radians that is added to every axis. 
 
 @dataclass(frozen=True)
 class JointSpread:
-    """Independent normal distributions of the joint rotation vectors, estimated from recorded poses."""
+    """Independent normal distributions of joint rotation vectors, from recorded poses."""
 
     mean: np.ndarray  # (21, 3) rad.
     factor: np.ndarray  # (21, 3, 3) rad: lower Cholesky factors of the covariances.
@@ -91,7 +91,7 @@ class SoftplusStack:
         return x, slopes
 
     def backward(self, slopes: list[Array], by_output: Array) -> Array:
-        """Convert the derivative w.r.t. the output (N, out) to the derivative w.r.t. the input (N, in)."""
+        """Convert derivatives w.r.t. the output (N, out) to ones w.r.t. the input (N, in)."""
         xp = array_namespace(by_output)
         for number in range(len(self.weights) - 1, -1, -1):
             if number < len(slopes):
@@ -101,7 +101,7 @@ class SoftplusStack:
 
 
 def softplus(x: Array) -> tuple[Array, Array]:
-    """Return the softplus function ``log(1 + exp(β x)) / β`` and its derivative, without overflow."""
+    """Return the softplus ``log(1 + exp(β x)) / β`` and its derivative, without overflow."""
     xp = array_namespace(x)
     scaled = SHARPNESS * x
     magnitude = xp.abs(scaled)
@@ -128,7 +128,7 @@ def pose_distance(a: Array, b: Array) -> Array:
 
 
 def half_angles(a: Array, b: Array) -> Array:
-    """Return half the angles (...) between (..., 4) quaternions in radians: ``2 arcsin(min|a ∓ b|/2)``."""
+    """Return half the angles (...) between quaternions in radians: ``2 arcsin(min|a ∓ b|/2)``."""
     xp = array_namespace(a, b)
     near, far = xp.sum((a - b) ** 2, axis=-1), xp.sum((a + b) ** 2, axis=-1)
     return 2.0 * xp.asin(0.5 * xp.sqrt(xp.where(near < far, near, far)))
@@ -184,7 +184,7 @@ class PoseField:
         return self.distance.forward(_side_by_side(features))[0][:, 0]
 
     def with_gradient(self, quats: Array) -> tuple[Array, Array]:
-        """Return the (N,) distances f and their (N, 21, 4) derivatives w.r.t. the quaternions, in reverse mode."""
+        """Return distances f (N,), and derivatives (N, 21, 4) w.r.t. quaternions."""
         xp = array_namespace(quats)
         count = quats.shape[0]
         features, slopes = self._encode(xp.permute_dims(quats, (1, 0, 2)))
@@ -298,11 +298,11 @@ class PoseNDF(PosePrior):
         return rotations, in_own_columns(blocks)
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the (N,) predicted distances in radians from poses (N, 21, 3, 3) to plausible poses."""
+        """Return predicted distances (N,) in radians from poses (N, 21, 3, 3) to plausible ones."""
         return self.distance_with_gradient(self.encode(rotations))[0]
 
     def distance_with_gradient(self, z: Array) -> tuple[Array, Array]:
-        """Return the distances f (N,) and their derivatives (N, 84) for codes of unit quaternions (N, 84).
+        """Return distances f (N,) and derivatives (N, 84) for quaternions (N, 84).
 
         Raises:
             PoseInvalid: a value is NaN, the width is wrong, or a quaternion is not a unit quaternion.

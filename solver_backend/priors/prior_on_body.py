@@ -53,7 +53,7 @@ class PriorOnBody(AutoencodingPrior):
         return self._on_body(self._prior.decode(z))
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return ``decode(z)`` and its Jacobian, which is zero at joints that the prior does not model."""
+        """Return ``decode(z)`` and its Jacobian, which is zero at joints outside the prior."""
         rotations, by_code = self._prior.decode_with_jacobian(z)
         jacobian = zeros((z.shape[0], len(self.joints), *by_code.shape[2:]), by_code)
         jacobian[:, index(self._own, z)] = by_code[:, index(self._theirs, z)]

@@ -83,7 +83,7 @@ class SPoser(PoseAutoencoder):
     name = "sposer"
 
     def encode(self, rotations: Poses) -> Codes:
-        """Encode (N, 21, 3, 3) local rotations as (N, 32) codes, which are unit vectors of zero mean.
+        """Encode rotations (N, 21, 3, 3) as codes (N, 32), unit vectors of zero mean.
 
         One step with the decoder's derivatives improves the encoder's estimate (``nearer_codes``).
         """

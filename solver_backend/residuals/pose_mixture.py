@@ -29,7 +29,7 @@ _UNKNOWN_SPREAD_RAD = 0.5  # For joints that are not in the table and have no pr
 
 @dataclass(frozen=True)
 class PoseMixture:
-    """Mixture of K Gaussians over the rotation vectors of n joints in a pose (Bogo et al. 2016, eq. 4)."""
+    """Mixture of K Gaussians over rotation vectors of n joints (Bogo et al. 2016, eq. 4)."""
 
     means: np.ndarray  # (K, 3 n) rad.
     precisions: np.ndarray  # (K, 3 n, 3 n) 1/rad².
@@ -38,7 +38,7 @@ class PoseMixture:
 
 
 def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-    """Read the mixture's component weights (K,), means (K, 63), Cholesky factors (K, 63, 63), and metadata.
+    """Read a mixture: weights (K,), means (K, 63), Cholesky factors (K, 63, 63), metadata.
 
     Raises:
         FileMissing: the file does not exist.
@@ -57,7 +57,7 @@ def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarra
 
 @lru_cache(maxsize=8)
 def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
-    """Load the stored mixture's marginal over the joints that the pose also has, widened by ``WIDENING_RAD``."""
+    """Load the mixture's marginal over the pose's joints, widened by ``WIDENING_RAD``."""
     weights, means, factors, _ = read_mixture()
     shared = [name for name in joints if name in BODY_JOINTS]
     theirs, own = (
@@ -73,7 +73,7 @@ def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
 
 
 def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
-    """Return the (3 J,) precisions, in 1/rad², with which joint rotations are drawn to the rest pose."""
+    """Return precisions (3 J,) in 1/rad² that draw joint rotations to the rest pose."""
     parts = [joint.removeprefix("left_").removeprefix("right_") for joint in joints]
     return np.repeat([1.0 / _SPREAD_RAD.get(part, _UNKNOWN_SPREAD_RAD) ** 2 for part in parts], 3)
 

@@ -54,7 +54,7 @@ class PositionTerm(Rows):
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the (1, F, L) leverage: 1 where used, because a single measurement determines its point."""
+        """Return the leverage (1, F, L): 1 where used, as one measurement determines its point."""
         return array_namespace(points).astype(used, points.dtype)
 
     def rescaled(self, variance: Array) -> PositionTerm:
@@ -93,7 +93,7 @@ class RelativePositionTerm:
         return RelativePositionTerm(astype(self.positions, precision), astype(self.precision, precision), self.share)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the cost at (F, L, 3) positions with its derivatives. ``without_shift`` corrects the information."""
+        """Return the cost and derivatives at positions (F, L, 3). ``without_shift`` corrects the information."""
         xp = array_namespace(points)
         off = points - self.positions
         pulled = xp.matmul(self.precision, off[..., None])[..., 0]
@@ -165,7 +165,7 @@ UNBOUNDED = 1e6  # Robust scale in standard deviations that no distance reaches.
 
 @dataclass(frozen=True)
 class BindingTerm(PositionTerm):
-    """``PositionTerm`` for positions that the user prescribes. Its penalty is quadratic at any distance."""
+    """``PositionTerm`` for positions that users prescribe, with a quadratic penalty."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the cost at (F, L, 3) world positions with its derivatives."""

@@ -74,7 +74,7 @@ class Residuals:
 
 
 class DataTerm(PointTerm, Protocol):
-    """Term on landmark positions that compares them with measurements and can learn the measurement noise."""
+    """Term that compares landmark positions with measurements, and can learn their noise."""
 
     def residuals(self, points: Array) -> Residuals:
         """Return the measurement errors for landmarks at (F, L, 3) positions."""
@@ -109,7 +109,7 @@ class PoseTerm(FrameTerm, Protocol):
         ...
 
     def hessian(self, factors: Array) -> Array:
-        """Return the term's (F, 3 J, 3 J) positive semidefinite Hessians in 1/rad², computed from ``factors``."""
+        """Return positive semidefinite Hessians (F, 3 J, 3 J) in 1/rad², from ``factors``."""
         ...
 
 

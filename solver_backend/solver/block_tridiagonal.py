@@ -90,7 +90,7 @@ class BlockTridiagonal:
         return full, xp.concat([off, beyond], axis=1)
 
     def _without_inner(self, damping: Array, precision: Any) -> tuple[_Outer, _Inner | None]:
-        """Eliminate the inner unknowns, and return the Schur complement ``D - Bᵀ A⁻¹ B`` of the outer ones."""
+        """Eliminate inner unknowns. Return the outer ones' Schur complement ``D - Bᵀ A⁻¹ B``."""
         xp = array_namespace(self.g)
         count, size = self.g.shape
         met = self.upper.shape[-1] if count > 1 else size
@@ -165,7 +165,7 @@ def _times(matrices: Array, vectors: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Outer:
-    """Block-tridiagonal system of the outer unknowns, in which neighbouring blocks are fully coupled."""
+    """Block-tridiagonal system of outer unknowns, whose neighbours are fully coupled."""
 
     diagonal: Array  # (N, m, m).
     upper: Array  # (N - 1, m, m).

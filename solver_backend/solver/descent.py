@@ -84,7 +84,7 @@ def gradient_descent(
 def retracted_line(
     manifold: Manifold, objective: Objective, x: State, direction: State
 ) -> Callable[[float], StepTrial[tuple[State, State]]]:
-    """Return the cost along a retracted line as a function of the step length, with its exact derivative."""
+    """Return the cost along a retracted line as a function of the step, with its slope."""
 
     def at(step: float) -> StepTrial[tuple[State, State]]:
         moved = manifold.combine(step, direction, 0.0, direction)

@@ -109,7 +109,7 @@ class _StepPairs:
         return cls(np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.ones(len(x)), scale)
 
     def add(self, iteration: int, problems: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
-        """Store the steps and gradient changes of the given problems, with curvature 0 where it is not positive."""
+        """Store steps and gradient changes of given problems, with curvature 0 if not positive."""
         product = (step * change).sum(-1)
         sound = product > 1e-10 * np.sqrt((step * step).sum(-1) * (change * change).sum(-1))
         self.newest = iteration % len(self.steps)

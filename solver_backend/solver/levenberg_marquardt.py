@@ -26,7 +26,7 @@ class NormalEquations(Protocol):
 
 
 class LazyNormalEquations:
-    """Normal equations that are computed on first use, because a rejected state does not need them."""
+    """Normal equations that are computed on first use, as rejected states do not need them."""
 
     def __init__(self, form: Callable[[], NormalEquations]) -> None:
         self._form: Callable[[], NormalEquations] | None = form
@@ -205,7 +205,7 @@ def levenberg_marquardt(
 
 
 def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
-    """Return the damping for the next step, which is smaller after a good step and larger after a bad one.
+    """Return the next step's damping, smaller after a good step and larger after a bad one.
 
     A rejected step does not change the damping of the parts that it improved.
     """
@@ -263,7 +263,7 @@ def minimise(
     select: Callable[[Array, State, State], State] = lambda _, new, old: new,
     done: Callable[[int, int], None] = lambda number, total: None,
 ) -> LMResult[State]:
-    """Minimise a problem in stages, each with its own robust scale, and return the result of the last stage.
+    """Minimise a problem in stages with robust scales, and return the last stage's result.
 
     This is graduated non-convexity (Blake and Zisserman 1987, "Visual Reconstruction").
 

@@ -53,7 +53,7 @@ class UnitVectors(Euclidean):
 
 
 class CodeSphere(UnitVectors):
-    """Unit vectors (..., d) with zero mean, as spherical normalisation produces them (thesis eq. 6.2)."""
+    """Unit vectors (..., d) with zero mean, as from spherical normalisation (thesis eq. 6.2)."""
 
     def project(self, x: Array, v: Array) -> Array:
         """Remove from ``v`` its mean and its component along ``x``."""

@@ -138,14 +138,14 @@ class Cameras:
         return -np.einsum("cji,cj->ci", self.R, self.t)
 
     def poses(self, camera: int, frames: int) -> tuple[Float[np.ndarray, "frames 3 3"], Float[np.ndarray, "frames 3"]]:
-        """Return one camera's world-to-camera rotations (F, 3, 3) and translations (F, 3) in F frames."""
+        """Return one camera's world-to-camera rotations (F, 3, 3) and translations (F, 3)."""
         R, t = self.R[camera], self.t[camera]
         if self.path is None:
             return np.broadcast_to(R, (frames, 3, 3)), np.broadcast_to(t, (frames, 3))
         return R @ self.path.R, self.path.t @ R.T + t
 
     def carried(self, R: Float[np.ndarray, "frames 3 3"], t: Float[np.ndarray, "frames 3"]) -> Cameras:
-        """Replace a single camera's pose by (F, 3, 3) rotations and (F, 3) translations from world to camera."""
+        """Replace a single camera's world-to-camera rotations (F, 3, 3) and translations (F, 3)."""
         return replace(self, R=R[:1], t=t[:1], path=CameraPath(R[0].T @ R, (t - t[0]) @ R[0]))
 
     def scaled(self, factor: float) -> Cameras:

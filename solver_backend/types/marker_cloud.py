@@ -67,7 +67,7 @@ class MarkerCloud:
 
     @property
     def values(self) -> np.ndarray:
-        """(frames, markers, 3 to 13) positions, followed by residuals and covariances if they are known."""
+        """(frames, markers, 3 to 13) positions, then residuals and covariances if known."""
         parts = [self.positions]
         if self.residual is not None:
             parts.append(self.residual[..., None])
@@ -87,7 +87,7 @@ _LEAST_SIGMA_M = 1e-9  # Smallest standard deviation of a marker position (m). M
 
 @dataclass(frozen=True)
 class MarkerSubject:
-    """Calibrated subject: body shape and marker positions, for further takes with the same markers."""
+    """Calibrated person: body shape and marker positions, for takes with the same markers."""
 
     body: str  # Id of the body that the shape belongs to.
     betas: Float[np.ndarray, " 10"]  # (10,) shape coefficients.

@@ -106,7 +106,7 @@ class Motion:
         return len(self.global_orient)
 
     def beside_truth(self, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-        """Select the (F, J, 3) joints that both the motion and the ground truth have, and return their names.
+        """Select the joints (F, J, 3) that the motion and truth share, and return their names.
 
         Args:
             truth: (F, J, 3) joint positions in metres, in this layout or SMPL's. Other shapes give no joints.

@@ -19,7 +19,7 @@ _HANDS = ("hands_meanl", "hands_meanr")
 
 
 def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: bool = True) -> Body:
-    """Read a licensed SMPL, SMPL-H or SMPL-X file. The program does not copy or store any part of it.
+    """Read a licensed SMPL, SMPL-H or SMPL-X file. The program does not copy or store it.
 
     Args:
         path: ``.npz``, or the older ``.pkl`` (its code is not run).
@@ -41,7 +41,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
 
 
 def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
-    """Return the (r, 3) axis-angles of the joints at rest during a solve: relaxed fingers, 0 for jaw and eyes."""
+    """Return axis-angles (r, 3) of joints at rest: relaxed fingers, 0 for jaw and eyes."""
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
@@ -75,7 +75,7 @@ class BodyChoice:
 
 
 def list_bodies() -> tuple[BodyChoice, ...]:
-    """Return the bodies with names: the built-in one, then the files in the user's folder in alphabetical order."""
+    """Return the bodies with names: the built-in one, then the user's files in alphabetical order."""
     folder = bodies_folder()
     files = sorted(path for path in folder.glob("*") if path.suffix.lower() in SUFFIXES) if folder.is_dir() else []
     own = {path.stem: path for path in files if path.stem != SHIPPED}

@@ -273,7 +273,7 @@ class Machine:
             self._stack.append(result)
 
     def _spend(self, content: Any) -> None:
-        """Count the bytes used for arrays against the limit, because a pickle can reuse the same bytes many times."""
+        """Count the bytes of arrays against the limit, as a pickle can reuse bytes many times."""
         self._bytes_left -= len(content) if isinstance(content, str | bytes | bytearray) else 0
         if self._bytes_left < 0:
             raise Damage("its arrays would need far more memory than the file size allows")

@@ -55,7 +55,7 @@ def calibrated_hand(
     fps: float,
     settings: SolveSettings,
 ) -> MarkerHand:
-    """Solve a hand of known size several times, and calibrate its marker offsets after each solve."""
+    """Solve a hand of known size repeatedly, calibrating its marker offsets each time."""
     layout = KeyframeLayout.even(len(positions), hand_window(fps))
     keys = np.zeros((layout.num_keys, DOF))
     prior, place = load_hand_prior(), markers.sites.offset
@@ -123,7 +123,7 @@ _SEGMENTS = HandSites(
 
 @dataclass(frozen=True)
 class Extra:
-    """Additional markers that were attached to a hand: their sites, and their columns among the candidates."""
+    """Additional markers attached to a hand: their sites, and columns among the candidates."""
 
     sites: HandSites
     columns: tuple[int, ...]

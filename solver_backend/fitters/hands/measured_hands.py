@@ -94,7 +94,7 @@ class HandViewTerm:
     def _offsets(
         self, error: np.ndarray, weight: np.ndarray, scale: float
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-        """Estimate the offset of the hand (C, F, 2) in each view in pixels, with costs and robust weights.
+        """Estimate the hand's offset (C, F, 2) in pixels in each view, with costs and weights.
 
         Costs and weights are (C, F, L) for points and (C, F) for offsets. ``error`` (C, F, L, 2) is in px and
         ``weight`` (C, F, L) in 1/px². Both are 0 where nothing was measured.
@@ -237,14 +237,14 @@ LEAST_FRAMES = 3  # Shorter frame ranges are corrected without a diagnostic.
 
 @dataclass(frozen=True)
 class SortedHands:
-    """Hand detections assigned to the left and right wrist, and diagnostics about swapped and excluded hands."""
+    """Hand detections by wrist, and diagnostics about swapped and excluded hands."""
 
     views: HandViews
     diagnostics: tuple[Diagnostic, ...]
 
 
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
-    """Assign hand detections to the nearest wrists, and exclude hands that are far from both wrists.
+    """Assign hand detections to the nearest wrists, and exclude hands far from both.
 
     If each of a view's two hands is nearer to the other wrist, they are swapped. A single hand changes its side in the
     same way. Where the hands meet, a frame follows the unambiguous frames before and after, if these agree. ``wrists``
@@ -272,7 +272,7 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
 
 
 def _as_around(decided: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Return a (C, F) mask of swapped hands from the decisions 1 (swapped), -1 (correct) and 0 (unclear).
+    """Return a (C, F) mask of swapped hands from decisions 1 (swapped), -1 (correct), 0 (unclear).
 
     Unclear frames between two swapped ranges count as swapped if the gap is not longer than both ranges together.
     ``shown`` (C, F) marks the frames that show a hand.
@@ -308,7 +308,7 @@ NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitte
 
 @dataclass(frozen=True)
 class HandSize:
-    """Hand size relative to the body's shape, with its standard deviation (1 and inf if unknown)."""
+    """Hand size relative to the body's shape, and its deviation (1 and inf if unknown)."""
 
     scale: float
     sigma: float
@@ -435,7 +435,7 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands in a single view by side, without triangulated points. ``wrists`` are (F, 2, 3), left first."""
+    """Return the hands in a single view by side, given wrists (F, 2, 3), left first."""
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
         shown = (views.confidence[0, :, side] > 0).any(axis=-1)

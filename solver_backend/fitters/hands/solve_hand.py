@@ -46,7 +46,7 @@ FLOOR = 1e-3  # Smallest precision of every unknown.
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
-    """Interpolate the states in N windows of frames by parabolas through each window's three keyframes."""
+    """Interpolate states in N windows by parabolas through each window's three keyframes."""
     triples = np.stack([keys[i : len(keys) - 2 + i : 2] for i in range(3)], axis=1)
     return (lagrange(rows.time) @ triples).reshape(-1, keys.shape[1])
 
@@ -187,7 +187,7 @@ class HandProblem:
         return replace(self, sites=sites)
 
     def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return points (n, L, 3) ``y = t + δ + exp(ω) R q(angles)`` and their derivatives (n, L, 3, D)."""
+        """Return points (n, L, 3) ``y = t + δ + exp(ω) R q(angles)``, and derivatives (n, L, 3, D)."""
         posed = self.skeleton.pose(states[:, FINGERS])
         own = self.skeleton.sites(posed, self.sites)
         R = self._turns(states, frames)
@@ -281,7 +281,7 @@ def solve_keys(
 
 
 def frame_states(model: KeyModel, keys: np.ndarray) -> Float[np.ndarray, "frames d"]:
-    """Return the states (F, D) in all frames, on a spline through the keyframes with continuous acceleration."""
+    """Return the states (F, D) in all frames, on a spline with continuous acceleration."""
     return spline_states(keys, model.layout)
 
 
@@ -301,7 +301,7 @@ FARTHEST_M = 0.08  # Largest distance in metres between the initial wrist and th
 def initial_keys(
     skeleton: HandSkeleton, wrist: WristPath, points: np.ndarray, layout: KeyframeLayout, prior: HandPrior
 ) -> Float[np.ndarray, "keys d"]:
-    """Estimate initial keyframes (K, D) from triangulated points, or from the relaxed hand where points are missing."""
+    """Estimate initial keyframes (K, D) from triangulated points, or else from the relaxed hand."""
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
@@ -321,7 +321,7 @@ def initial_keys(
 
 
 def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit the palm's rotations (F, 3, 3) from rest to world (Kabsch 1976). Also return a mask of usable frames."""
+    """Fit palm rotations (F, 3, 3) from rest to world (Kabsch 1976). Also return usable frames."""
     palm, rest = points[:, PALM], skeleton.points_at_rest[list(PALM)]
     seen = np.isfinite(palm).all(-1)
     located = (seen.sum(1) >= LEAST_PALM) & seen[:, 0]
@@ -430,7 +430,7 @@ def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, a
 
 
 def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d"], scale: float) -> HandProblem:
-    """Learn the noise of each point from the residuals of a solve, and return the problem with this noise."""
+    """Learn each point's noise from a solve's residuals, and return the problem with it."""
     sample = np.unique(np.linspace(0, len(states) - 1, min(len(states), SAMPLE_FRAMES)).astype(int))
     points = problem.points(states[sample], sample)
     return replace(problem, term=reweighted_by_points(points, problem.term.select(sample), problem.term, scale))

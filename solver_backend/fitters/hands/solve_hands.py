@@ -318,7 +318,7 @@ class SolvedHands(SolvedLayer):
 
 @dataclass(frozen=True)
 class Hands(Layer):
-    """Layer of a solve for both hands of one person. They are solved after the body, and the arms follow."""
+    """Layer of a solve for both hands. They are solved after the body, and the arms follow."""
 
     shown: HandViews | HandClouds  # Views or markers that show the hands.
     SETTINGS: ClassVar[frozenset[str]] = frozenset({"learn_noise"})
@@ -395,7 +395,7 @@ def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
 
 
 def statistics(hands: SolvedHands) -> dict[str, object]:
-    """Return a motion's statistics about the hands: size, share of frames that show them, errors and convergence."""
+    """Return statistics about the hands: size, visible share, errors and convergence."""
     found: dict[str, object] = {"size": round(hands.size, 3)}
     for side, hand in hands.hands.items():
         left = hand.problem.term.residuals(hand.problem.points(hand.states))

@@ -76,7 +76,7 @@ to 2.93 mm."""
 def dense_layout(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, window: int, fps: float
 ) -> KeyframeLayout:
-    """Shorten the windows for fast motion: ``w max(0.6, min(1, √(5.2 / a)))`` frames for a mean acceleration a.
+    """Shorten windows for fast motion: ``w max(0.6, min(1, √(5.2 / a)))`` frames for acceleration a.
 
     a is the landmarks' acceleration in m/s², which detector noise barely affects. For fast limbs, the error of a
     parabola through three keyframes exceeds the detector's error. For slow limbs, closer keyframes would fit the noise.
@@ -90,7 +90,7 @@ def dense_layout(
 
 
 def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
-    """Return the mean and the 95th percentile of the acceleration in m/s² of points (F, L, 3) in metres.
+    """Return the mean and 95th percentile of the acceleration of points (F, L, 3) in m/s².
 
     It is ``|x(t - h) - 2 x(t) + x(t + h)| / h²``. With a spacing h of ``apart`` frames, 4 mm of noise adds 2.2 m/s².
     """

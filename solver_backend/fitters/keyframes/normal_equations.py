@@ -208,7 +208,7 @@ class BundleModel:
         return KeyframeCurve.through(_by_windows(keys, rows), rows.time, residuals=residuals, screw=self.screw)
 
     def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
-        """Decode the rotations (W·n, J, 3, 3) of all frames once if the codes are fixed. Return None otherwise."""
+        """Decode the rotations (W·n, J, 3, 3) once if the codes are fixed. Otherwise return None."""
         if CODE in self.free:
             return None
 
@@ -259,7 +259,7 @@ class BundleModel:
 
 @dataclass(frozen=True)
 class DataEquations:
-    """Cost and gradient of the frames in N windows w.r.t. their keyframes. The matrices are formed on demand."""
+    """Cost and gradient of N windows w.r.t. their keyframes. Matrices are formed on demand."""
 
     cost: Array  # (N,) cost of each window's frames.
     gradient: Array  # (n N + 1, D) gradient w.r.t. the keys.
@@ -293,7 +293,7 @@ def data_equations(
     hessian_frames: int = HESSIAN_FRAMES,
     decoded: list[Array] | None = None,
 ) -> DataEquations:
-    """Return the cost of all frames and the Gauss-Newton equations of the keyframes, computed on all cores.
+    """Return the cost of all frames and the Gauss-Newton equations of the keyframes.
 
     ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7). ``x_f`` is on the curve through the
     window's keyframes (eqs. 6.9, 6.10), and ``E_f`` is the data term of one frame (eq. 6.8).

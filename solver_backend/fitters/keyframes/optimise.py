@@ -127,7 +127,7 @@ SINGLE_TO_M = 100.0  # Within this distance of the origin, single precision reso
 
 @dataclass(frozen=True)
 class Chunk:
-    """Windows that are kept from a chunk's solution, and the wider range that is solved for them."""
+    """Windows kept from a chunk's solution, and the wider range that is solved for them."""
 
     kept: slice
     solved: slice
@@ -144,7 +144,7 @@ class Chunk:
 
 
 def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list[Chunk]:
-    """Divide N windows into chunks of about ``windows`` windows, and add windows before and after each."""
+    """Divide N windows into chunks of about ``windows``, with windows added on both sides."""
     count = max(1, round(num_windows / windows))
     bounds = np.round(np.linspace(0, num_windows, count + 1)).astype(int).tolist()
     return [
@@ -184,7 +184,7 @@ class Stretch:
         return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
 
     def alone(self) -> Stretch:
-        """Reduce the problem to the measurements of its own frames, so that it can be sent to another process."""
+        """Reduce the problem to its own frames' measurements, to send it to another process."""
         frames = self.layout.frames
         objective = replace(self.model.objective, frames=self.model.objective.frames.select(index(frames, self.keys.z)))
         bounds = self.layout.bounds - self.layout.bounds[0]
@@ -342,7 +342,7 @@ def covariance_of_joints(
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
-    """Interpolate values (F, ...) linearly at the wanted frames. Beyond the ends they are constant."""
+    """Interpolate values (F, ...) linearly at the wanted frames, constant beyond the ends."""
     after = np.clip(np.searchsorted(frames, wanted), 1, max(1, len(frames) - 1))
     before, after = after - 1, np.minimum(after, len(frames) - 1)
     share = np.clip((wanted - frames[before]) / np.maximum(frames[after] - frames[before], 1), 0.0, 1.0)

@@ -66,7 +66,7 @@ def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> Per
 def calibration_equations(
     prior: AutoencodingPrior, objective: FrameObjective, known: PlacementPrior, state: PersonState, scale: float
 ) -> tuple[Array, Arrowhead]:
-    """Return the cost (1,) and the Gauss-Newton equations of poses, body shape and marker offsets."""
+    """Return the cost (1,) and Gauss-Newton equations of poses, shape and marker offsets."""
     xp, residual = array_namespace(state.frames.z), state.frames.residual
     assert residual is not None
     frames, turns = posed(prior, state.frames), state.layout.turns
@@ -100,7 +100,7 @@ def calibration_equations(
 
 
 def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array) -> tuple[Array, Array, Array]:
-    """Return the Hessian and gradient of shape and marker offsets, and their coupling with the poses."""
+    """Return the Hessian and gradient of shape and offsets, and their coupling with poses."""
     xp = array_namespace(by_pose)
     count, num = by_pose.shape[:2]
     size = 10 + 3 * num
@@ -128,7 +128,7 @@ def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets
 
 
 def _add_known(known: PlacementPrior, subject: Subject, shared: Array, g_shared: Array) -> Array:
-    """Add the prior for shape and marker offsets to the shared equations in place, and return its cost."""
+    """Add the prior for shape and offsets to the shared equations in place. Return its cost."""
     xp = array_namespace(shared)
     shape, places = subject.betas - known.shape_mean, subject.offsets
     pulled = xp.matmul(known.places, places[..., None])[..., 0]
@@ -277,7 +277,7 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
 
 
 def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray:
-    """Estimate the standard deviations (L,) of marker positions in metres, without the tracker noise Σ.
+    """Estimate the deviations (L,) of marker positions in metres, without tracker noise Σ.
 
     ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, computed
     with a few steps of Fisher scoring. For Σ = 0 it simplifies to ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)``. r is the
@@ -314,7 +314,7 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Fix shape coefficients that exceed a limit at this limit, or return None if none exceeds it."""
+    """Fix shape coefficients beyond a limit at this limit. Return None if there are none."""
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
@@ -326,7 +326,7 @@ def held_at_limit(
 def record_of(
     subject: Subject, labels: tuple[str, ...], sigma_m: np.ndarray, provenance: dict[str, Any]
 ) -> MarkerSubject:
-    """Return the storable record of a person. The subject's landmarks are the markers with these labels."""
+    """Return the storable record of a person, whose landmarks are the labelled markers."""
     places, offsets = subject.landmarks.names, to_numpy(subject.offsets)
     skin = MARKER_OFFSET_M + (skin_normals(subject.body, places) * offsets).sum(-1)
     skin[[place.startswith(ON_BONE) or is_joint_centre(place) for place in places]] = np.nan
@@ -347,7 +347,7 @@ def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> Marker
 
 
 def person_of(motion: Motion) -> MarkerSubject | None:
-    """Return the person's record from an earlier solve with markers, or None if the motion has no markers."""
+    """Return the person's record from an earlier marker solve, or None without markers."""
     labels, places, offsets, sigma = motion.marker_labels, motion.layout, motion.offsets, motion.marker_sigma
     if offsets is None or labels is None or places is None or sigma is None:
         return None

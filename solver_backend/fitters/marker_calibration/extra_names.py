@@ -211,7 +211,7 @@ def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[st
 
 
 def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the marker (C,) of each chain of points (-1 if unknown), and a (C,) mask of ambiguous chains.
+    """Return each chain's marker (C,), or -1, and a (C,) mask of ambiguous chains.
 
     ``missing`` (F, L) marks the person's markers that are not observed under their labels.
     """

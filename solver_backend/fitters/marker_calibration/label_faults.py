@@ -119,7 +119,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Extend a frame range to adjacent frames in which a swap gains, and trim frames in which it does not."""
+    """Extend a range to adjacent frames where a swap gains, and trim frames where it does not."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:

@@ -86,7 +86,7 @@ def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
 
 
 def distances(found: SubjectCalibration, points: np.ndarray) -> np.ndarray:
-    """Return the distances (M,) of markers from their locations in metres, plus their median residuals."""
+    """Return distances (M,) of markers from their locations in metres, plus median residuals."""
     away = np.linalg.norm(points[found.frames] - to_numpy(pose(found.subject, found.poses).points), axis=-1)
     residual = np.nan_to_num(quantile(away, 0.5, axis=0))
     return np.linalg.norm(to_numpy(found.subject.offsets), axis=-1) + residual
@@ -104,7 +104,7 @@ def _farthest(place: str) -> float:
 APART_M = 0.09
 """Smallest distance in metres between a marker's positions on the body in two takes. For five people in UI-PRMD, the
 median distances are 11 to 20 mm, at shoulders up to 85 mm. Subject 5's moved thigh markers have 90 and 111 mm."""
-STEADY = 0.25  # Largest median distance from a take's position, relative to the takes' distance: others wander.
+STEADY = 0.25  # Largest spread of a marker within a take, relative to its distance between takes. Others slide.
 _TWISTED = ("elbow", "wrist", "hand")  # Twist of these bones alone moves markers by up to 114 mm.
 LEAST_FRAMES = 4  # Smallest number of frames in a take that show a marker.
 
@@ -357,7 +357,7 @@ def _with_attached(
 
 
 def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
-    """Concatenate the frames of several takes. Markers that a take does not have are NaN in its frames."""
+    """Concatenate the frames of several takes. Markers that a take lacks are NaN there."""
     if len(clouds) == 1:
         return clouds[0]
     labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.names))

@@ -64,7 +64,7 @@ def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
 
 
 def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
-    """Return warnings about swapped labels, without frames. A solve of the take itself reports the frames."""
+    """Return warnings about swapped labels. A solve of the take itself reports the frames."""
     pairs = person.provenance.get(EXCHANGED, ())
     return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
 

@@ -26,7 +26,7 @@ MOST = 100  # Largest number of markers compared, because all pairs are. The mos
 
 
 def rigid_groups(points: np.ndarray) -> list[list[int]]:
-    """Find groups of three or more moving markers at constant distances from each other, largest group first.
+    """Find groups of three or more moving markers at constant distances, largest first.
 
     Each group is a clique. It starts with the marker that has the largest number of constant distances, and adds the
     best-fitting marker at each step. A marker that was never visible together with a member must fit three other
@@ -100,7 +100,7 @@ class Attachment:
 
 @dataclass(frozen=True)
 class BonePoses:
-    """Joint positions (F, 24, 3) in metres and global rotations (F, 24, 3, 3) of a person's bones."""
+    """Joint positions (F, 24, 3) in metres and global bone rotations (F, 24, 3, 3)."""
 
     joints: np.ndarray
     rotations: np.ndarray
@@ -119,7 +119,7 @@ class BonePoses:
 
 
 def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> Attachment | None:
-    """Attach a marker to the bone for which its offset is most constant. Return None if no bone fits.
+    """Attach a marker to the bone with the most constant offset, or return None if none fits.
 
     The offset on bone j is ``o_j = median_f G_jᵀ (x - p_j)`` per axis, which is robust to wrong points. The bone with
     the smallest median distance from the offset is chosen. If several bones are equally good within the noise, the one
@@ -237,14 +237,14 @@ def _is_one_of_a_pair(group: set[str], labels: Sequence[str]) -> bool:
 
 
 def _names_a_part(group: set[str]) -> bool:
-    """Return whether most labels begin with a body part, such as ``Head.L`` but not ``RacketHead``."""
+    """Return whether most labels begin with a body part: ``Head.L``, not ``RacketHead``."""
     words = load_layouts().words
     first = [(_FIRST_WORD.match(label.rpartition(SEPARATOR)[2].strip()) or [""])[0] for label in group]
     return 2 * sum(bool(set(words.of(word)[1]) - _NO_PARTS) for word in first) > len(group)
 
 
 def mirrored_labels(label: str) -> set[str]:
-    """Return possible labels of the marker on the other side of the body, by swapping L, R, left or right."""
+    """Return possible labels of the other side's marker, by swapping L, R, left or right."""
     prefix, colon, name = label.rpartition(SEPARATOR)
     turned = {pattern.sub(lambda found: _OTHER[found[0].lower()], name, count=1) for pattern in _SIDE}
     return {(prefix + colon + text).casefold() for text in turned} - {label.casefold()}

@@ -23,7 +23,7 @@ or a factor of 2 increase the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %,
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
-    """Return (M, N) indices of the points in ``pool``, sorted by how constant their distances from each point are.
+    """Return (M, N) indices of points in ``pool``, those at the most constant distances first.
 
     A term for the distance puts near points first if all variances are small, as for a person who stands still. Missing
     points are NaN. Points that are visible together in fewer than two sampled frames come last.
@@ -155,7 +155,7 @@ def filled(
 
 
 def lasting_frames(off: np.ndarray, lag: int) -> float:
-    """Estimate the correlation time τ of the body's errors in frames, from their correlation at a lag."""
+    """Estimate the correlation time τ of the body's errors in frames."""
     early, late = off[:-lag], off[lag:]
     both = np.isfinite(early) & np.isfinite(late)
     early, late = np.where(both, early, 0.0), np.where(both, late, 0.0)

@@ -155,7 +155,7 @@ def _term(points: np.ndarray, weight: np.ndarray, like: Array) -> PositionTerm:
 
 
 def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray) -> Measurements:
-    """Add a calibrated person, and the deviations (L,) of the person's markers, to the measurements."""
+    """Add a calibrated person, and the person's marker deviations (L,), to the measurements."""
     assert isinstance(measured.source, LocatedPoints)
     return replace(measured, known_person=subject, source=replace(measured.source, sigma_m=sigma_m))
 
@@ -226,7 +226,7 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
 def measure_network_landmarks(
     cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent, network_file: str = ""
 ) -> Measurements:
-    """Prepare the landmarks that a network estimates in each frame of a cloud as measurements (thesis 5.2.2).
+    """Prepare landmarks that a network estimates in each frame as measurements (thesis 5.2.2).
 
     ``network_file`` is as in ``chosen_network``.
 
@@ -252,7 +252,7 @@ def measure_network_landmarks(
 def measure_directly(
     capture: Capture, body: Body, like: Array, settings: SolveSettings, person: MarkerSubject | None, progress: Progress
 ) -> Measurements:
-    """Prepare the network's landmarks in a marker recording as measurements, according to the settings.
+    """Prepare the network's landmarks in a marker recording as measurements.
 
     Raises:
         JobInvalid: the recording has no markers.

@@ -95,7 +95,7 @@ class ViewPoints(_Points):
         return error, {"reprojection_median_px": float(median), "reprojection_rmse_px": float(rmse)}
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the standard deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
+        """Return deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
         return np.full(layout.num_joints, CONSTANT_M)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
@@ -167,13 +167,13 @@ class LocatedPoints(_Points):
         }
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the standard deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
+        """Return deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
         parts = [name.removeprefix("left_").removeprefix("right_") for name in layout.joints]
         known = OF_MARKERS_M if self.calibrated else {}
         return np.array([known.get(part, CONSTANT_M) for part in parts])
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Learn the noise of each landmark in each part of the take, and return the data term with it."""
+        """Learn each landmark's noise in each part of the take. Return the new data term."""
         problem, settings, posed = bundle.problem, bundle.settings, bundle.posed
         if not settings.learn_noise:
             return bundle.data
@@ -193,7 +193,7 @@ error usually comes from a wrong knee, and lower weights for the feet increase t
 
 
 def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return the deviations (C, F, L) of detections from the solved body in px: ``sqrt(sigma² + (f m / z)²)``.
+    """Return deviations (C, F, L) of detections in px: ``sqrt(sigma² + (f m / z)²)``.
 
     m is ``MODEL_ERROR_M``, f the focal length and z the depth.
 
@@ -217,7 +217,7 @@ def _centres(points: np.ndarray) -> np.ndarray:
 def measure_views(
     capture: Capture, body: Body, like: Array, progress: Progress, *, estimate_sync: bool = False, sync: str = SYNC_AUTO
 ) -> Measurements:
-    """Triangulate a capture's views after repairing faults in single views, and prepare them as measurements.
+    """Repair faults in single views, triangulate a capture's views, and prepare measurements.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.

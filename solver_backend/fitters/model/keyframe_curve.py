@@ -73,7 +73,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return the derivatives (W·n, 6, 6) of the frames' root motion w.r.t. one keyframe's root motion."""
+        """Return derivatives (W·n, 6, 6) of the frames' root motion w.r.t. one keyframe's."""
         xp = array_namespace(self.weights)
         # Map a left rotation of the key to one of the frame: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))
@@ -165,7 +165,7 @@ class KeyCotangents:
     residual: Array | None  # (W, k, 3 J), None if joints stay on the manifold.
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
-        """Return the derivatives (K, n) w.r.t. the keyframes' tangents, summed over windows that share a keyframe."""
+        """Return derivatives (K, n) w.r.t. keyframe tangents, summed over shared keyframes."""
         xp = array_namespace(self.quat)
         parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
         if self.z is not None:
@@ -292,7 +292,7 @@ def turns_of(by_joints: Array, layout: StateLayout) -> Array:
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:
-    """Convert derivatives w.r.t. the keyframes' quaternions to derivatives (..., 3) w.r.t. their left rotations."""
+    """Convert derivatives w.r.t. keyframe quaternions to ones (..., 3) w.r.t. left rotations."""
     xp = array_namespace(quat)
     return xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), by_quat[..., None])[..., 0]
 

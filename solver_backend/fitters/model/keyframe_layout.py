@@ -45,7 +45,7 @@ class KeyframeLayout:
 
     @property
     def key_times(self) -> np.ndarray:
-        """(n N + 1,) frame number of each keyframe. Keyframes inside a window may be between two frames."""
+        """(n N + 1,) frame number of each keyframe. It may be fractional inside a window."""
         times = np.empty(self.num_keys)
         times[:: self.free] = self.bounds
         for key in range(1, self.free):
@@ -93,7 +93,7 @@ class KeyframeLayout:
         return shares
 
     def rows(self, stride: int = 1) -> WindowRows:
-        """Return every ``stride``-th frame of each window. A frame's weight is the number of frames it represents."""
+        """Return every ``stride``-th frame of each window, weighted by the frames it represents."""
         first, last = self.bounds[:-1] + 1, self.bounds[1:]
         first[0] -= 1
         width = int((last - first).max()) // stride + 1
@@ -115,7 +115,7 @@ class KeyframeLayout:
 
 
 def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
-    """Return the windows of a frame range and its neighbours, and a mask of keyframes that may move.
+    """Return windows of a frame range and its neighbours, and a mask of free keyframes.
 
     There are keyframes at the range's ends, at the pins, and at equal distances between them. Keyframes at pins, at the
     ends and outside are fixed, except at the ends of the take. ``window`` is the window length in frames.
@@ -167,7 +167,7 @@ class Interpolant(Protocol):
         ...
 
     def vjp(self, cotangent: Array) -> Array:
-        """Convert derivatives (W, n, d) w.r.t. the points to derivatives (W, n, k, d) w.r.t. each keyframe."""
+        """Convert derivatives (W, n, d) w.r.t. points to (W, n, k, d) w.r.t. each keyframe."""
         ...
 
     def jacobian(self, key: int) -> Array:
@@ -205,7 +205,7 @@ def combined(weights: Array, values: Array) -> Array:
 
 
 def shared(weights: Array, by_frames: Array) -> Array:
-    """Convert derivatives w.r.t. frames to derivatives (W, k, d) w.r.t. keyframes, given the weights (W, n, k)."""
+    """Convert derivatives w.r.t. frames to (W, k, d) w.r.t. keyframes, with weights (W, n, k)."""
     xp = array_namespace(by_frames)
     rows = xp.reshape(by_frames, (*weights.shape[:2], -1))
     return xp.matmul(xp.matrix_transpose(weights), rows)
@@ -216,7 +216,7 @@ _TOLERANCE = 1e-10  # Relative residual at which the iteration ends. Chosen by h
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
-    """Return the control points of the spline that is closest to the parabolas through the keyframes.
+    """Return control points of the spline closest to the parabolas through the keyframes.
 
     The points are ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
     ``KeyframeLayout.spline_shares``) and Lagrange weights w. Neighbouring keyframes are close to each other, so codes

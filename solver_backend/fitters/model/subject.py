@@ -43,7 +43,7 @@ def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
 def decoded_with_vjp(
     prior: PosePrior, z: Array, residual: Array | None = None
 ) -> tuple[Array, Callable[[Array], tuple[Array, Array | None]]]:
-    """Return ``decoded`` rotations, and a function that maps derivatives w.r.t. them to ones w.r.t. the inputs.
+    """Return ``decoded`` rotations, and a function that propagates derivatives to the inputs.
 
     The function maps derivatives (F, 21, 3) w.r.t. left tangents to derivatives w.r.t. codes (F, d), and w.r.t.
     residuals (F, 21, 3) or None.
@@ -62,7 +62,7 @@ def decoded_with_vjp(
 
 
 def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
-    """Return ``exp(ρ_j) R_j`` for fixed rotations R (F, J, 3, 3), and a function for the derivatives w.r.t. ρ."""
+    """Return ``exp(ρ_j) R_j`` for fixed rotations R (F, J, 3, 3), with derivatives w.r.t. ρ."""
     bend = left_jacobian_so3(residual)
     turned = array_namespace(local).matmul(exp_so3(residual), local)
     return turned, lambda by_joints: (None, _transposed(bend, by_joints))
@@ -88,7 +88,7 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return the derivatives (F, p, n) of pose tangents w.r.t. the tangents of states or keyframes."""
+    """Return derivatives (F, p, n) of pose tangents w.r.t. states' or keyframes' tangents."""
     if CODE not in layout:
         return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
@@ -336,7 +336,7 @@ def frame_equations(
     scale: float,
     hessian_frames: np.ndarray | slice | None = None,
 ) -> FrameEquations:
-    """Return the gradient ``g = Jᵀ e`` and Hessian ``H = Jᵀ Λ J`` of each frame's objective w.r.t. its pose tangent.
+    """Return the gradient ``g = Jᵀ e`` and Hessian ``H = Jᵀ Λ J`` of each frame w.r.t. its pose.
 
     Args:
         objective: terms on these frames.

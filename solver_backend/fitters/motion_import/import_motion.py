@@ -66,7 +66,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
 
 
 def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the rotation of each role from the skeleton's bone to our bone, at rest in stage axes."""
+    """Return each role's rotation from the skeleton's bone to ours, at rest in stage axes."""
     aligned: dict[str, np.ndarray] = {}
     for limb, roles in LIMBS.items():
         if not set(roles[:2]) <= index.keys():
@@ -95,7 +95,7 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
 
 
 def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return the rotations (F, 22, 3, 3) of our joints. They are interpolated along spine and neck where missing."""
+    """Return our joints' rotations (F, 22, 3, 3), interpolated in spine and neck where missing."""
     turns = np.empty((frames, NUM_TURNED, 3, 3))
     turns[:, 0] = G["pelvis"]
     spine = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "spine")]
@@ -141,7 +141,7 @@ _MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints
 
 
 def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """Fit global rotations (F, 22, 3, 3) and joints (F, 24, 3) to a measured skeleton by Levenberg-Marquardt.
+    """Fit rotations (F, 22, 3, 3) and joints (F, 24, 3) to a skeleton by Levenberg-Marquardt.
 
     A world rotation δ of a joint moves the positions below it by ``Σ δ_i × (p_k - p_i)``, and rotations by ``Σ δ_i``.
     Both are linear in δ and the root's position. ``rest`` (24, 3) are the shaped body's rest joints in metres.
@@ -195,7 +195,7 @@ def _residuals(
 
 
 def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return the deviations (F, 24) of fitted joints in metres, as root mean square over the axes.
+    """Return deviations (F, 24) of fitted joints in metres, as root mean square over axes.
 
     ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3``, with the normal equations H of the fit and the derivatives J of a
     joint. The first term is the uncertainty of the fit, and the second the distance from the skeleton's joint.
@@ -226,7 +226,7 @@ def _prior() -> np.ndarray:
 
 
 def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """Return the joint positions (F, 24, 3) for global rotations (F, 22, 3, 3) and root positions (F, 3)."""
+    """Return joints (F, 24, 3) for rotations (F, 22, 3, 3) and root positions (F, 3)."""
     joints = np.empty((len(G), NUM_JOINTS, 3))
     joints[:, 0] = root
     for j in range(1, NUM_JOINTS):
@@ -236,7 +236,7 @@ def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def _slopes(joints: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return the derivatives (F, 3 K, 69) of K joint positions w.r.t. each joint's rotation and w.r.t. the root."""
+    """Return derivatives (F, 3 K, 69) of K joints w.r.t. all joint rotations and the root."""
     v: np.ndarray = (joints[:, known, None] - joints[:, None, :NUM_TURNED]) * _MOVED[known][..., None]
     J = np.zeros((len(joints), len(known), 3, NUM_TURNED + 1, 3))
     for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -307,7 +307,7 @@ _SHAPE_FRAMES, _SHAPE_FITS = 64, 3  # Number of frames used to refine a shape, a
 
 
 def shape_from_places(body: Body, measured: Measured) -> np.ndarray:
-    """Estimate the body shape (10,) from a skeleton's lengths at rest and its joints in some frames.
+    """Estimate the body shape (10,) from a skeleton's rest lengths and joints in some frames.
 
     Lengths do not determine the positions of hips and shoulders in the trunk. Poses and shape are fitted alternately.
     For fixed poses, the joints are linear in the shape, and the root is eliminated. A step minimises the mean over the
@@ -357,7 +357,7 @@ def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
 
 
 def standing_feet(body: Body, betas: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return an (F, 2) mask of frames in which the ball of the left or right foot is low and slow."""
+    """Return an (F, 2) mask of frames in which the left or right foot's ball is low and slow."""
     balls = joints[:, [foot[1] for foot in _FEET]]
     heights = _rest_heights(body, betas)[[foot[1] for foot in _FEET]]
     if len(balls) < 2:
@@ -447,7 +447,7 @@ def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles:
 
 
 def _resting(places: np.ndarray) -> np.ndarray | None:
-    """Return an (F, 24) mask of arm joints that the skeleton does not have, or None if it has all of them."""
+    """Return an (F, 24) mask of arm joints that the skeleton lacks, or None if it lacks none."""
     unknown = np.isnan(places[0, :, 0])
     resting = np.zeros(places.shape[:2], dtype=bool)
     for elbow, wrist, hand in _ARMS:

@@ -85,7 +85,7 @@ def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClo
 
 
 def _independent(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the number of independent samples in two correlated series: ``n / Σ_k ρ_a(k) ρ_b(k)``."""
+    """Return how many samples of two correlated series are independent: ``n / Σ_k ρ_a(k) ρ_b(k)``."""
     n = len(a)
     size = 1 << int(np.ceil(np.log2(2 * n)))
     power = [np.abs(np.fft.rfft(x - x.mean(), size)) ** 2 for x in (a, b)]
@@ -121,7 +121,7 @@ def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
 
 
 def _vertex(scores: np.ndarray, best: int) -> float:
-    """Return the offset, in samples, of the vertex of the parabola through the highest score and its neighbours."""
+    """Return the offset, in samples, of the vertex of the parabola around the highest score."""
     if not 0 < best < len(scores) - 1:
         return 0.0
     before, here, after = scores[best - 1 : best + 2]
@@ -197,7 +197,7 @@ def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
 
 
 def _offset(motion: Motion, gloves: GloveTake) -> tuple[float, list[Diagnostic]]:
-    """Estimate the start of the gloves' recording in seconds (0 if unknown), and return it with diagnostics."""
+    """Estimate the start of the gloves' recording in seconds (0 if unknown), with diagnostics."""
     theirs = [wrist_speeds(gloves.palms[:, side], gloves.times) for side in range(2)]
     own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion)]
     clock = find_wrist_clock(own, theirs)

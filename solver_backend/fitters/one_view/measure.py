@@ -106,7 +106,7 @@ def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
 
 
 def depth_sigma(take: LiftedTake, body: Body) -> np.ndarray:
-    """Return the lifter's standard deviations (F, R) along the line of sight in metres, for R recorded joints."""
+    """Return the lifter's depth deviations (F, R) in metres, for R recorded joints."""
     return take.view.sigma_m[:, [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints], 1]
 
 

@@ -53,7 +53,7 @@ class SeenShape:
 
 
 def foot_vertices(body: Body, side: str) -> np.ndarray:
-    """Return the vertices of a foot, which have most of their weight on the ankle or on joints below it."""
+    """Return a foot's vertices, whose weight is mostly on the ankle or joints below it."""
     joints, parents = body.layout.joints, body.layout.parents
     below = [joints.index(f"{side}_ankle")] if f"{side}_ankle" in joints else []
     for joint, parent in enumerate(parents):
@@ -62,7 +62,7 @@ def foot_vertices(body: Body, side: str) -> np.ndarray:
 
 
 def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the heights (L,) of keypoints above the sole at rest, and their derivatives w.r.t. the shape."""
+    """Return keypoint heights (L,) above the sole at rest, and derivatives w.r.t. the shape."""
     feet = np.concatenate([foot_vertices(body, "left"), foot_vertices(body, "right")])
     feet = feet if len(feet) else np.arange(len(body.v_template))
     lowest = feet[np.argmin(body.v_template[feet, 1])]

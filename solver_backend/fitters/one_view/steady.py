@@ -197,7 +197,7 @@ def with_ankle_moved(
     chain: tuple[int, int, int],
     move: np.ndarray,
 ) -> np.ndarray:
-    """Move one ankle, and return the adjusted leg rotations (F, J, 3, 3). The foot keeps its orientation.
+    """Move one ankle, and return adjusted leg rotations (F, J, 3, 3). The foot does not rotate.
 
     The knee bends to match the distance between hip and ankle, and the smallest leg rotation aims it at the ankle.
     """
@@ -239,5 +239,5 @@ def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
 
 
 def _angle(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Return a knee's bend angle in radians, given the bone lengths and the distance between hip and ankle."""
+    """Return a knee's bend in radians, given bone lengths and the distance from hip to ankle."""
     return np.arccos(np.clip((distance**2 - a**2 - b**2) / (2.0 * a * b), -1.0, 1.0))

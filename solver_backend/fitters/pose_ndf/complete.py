@@ -154,7 +154,7 @@ def fit_keypoints(
 
 @dataclass(frozen=True)
 class ManifoldWeights:
-    """Weights of the terms for data, manifold and smoothness. Terms on points are means over the landmarks."""
+    """Weights of data, manifold and smoothness. Terms on points are means over landmarks."""
 
     data: float  # λ_v, 1/m²: weight of the observed points.
     manifold: float  # w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3).
@@ -274,7 +274,7 @@ class CompleteSettings:
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of joints, given names of joints or limbs. Raise ``JobInvalid`` for unknown names."""
+    """Return columns of named joints or limbs. Raise ``JobInvalid`` for unknown names."""
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
@@ -321,7 +321,7 @@ def complete(
 
 
 def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], settings: CompleteSettings) -> Array:
-    """Return initial rotations (starts, n, 3, 3) of the missing joints, from the samples nearest to the manifold."""
+    """Return initial rotations (starts, n, 3, 3) of missing joints, from samples near the manifold."""
     xp = array_namespace(frames.local)
     limbs = constant(prior.sample(settings.candidates, settings.seed)[:, list(missing)], frames.local)
     some = frames.select(slice(0, None, max(1, len(frames.local) // _LOOKED_AT)))
@@ -386,7 +386,7 @@ def interpolate_poses(
     settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
-    """Interpolate ``count`` plausible poses between each of N pairs of poses. The ends are not included.
+    """Interpolate ``count`` plausible poses between each of N pairs, without the ends.
 
     ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along geodesics. θ' is projected with eq. 6.
 

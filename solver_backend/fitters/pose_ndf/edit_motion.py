@@ -69,7 +69,7 @@ def completed_motion(
 def interpolated_motion(
     motion: Motion, body: Body, prior: PoseNDF, first: int, last: int, count: int, progress: Progress = silent
 ) -> Motion:
-    """Build a motion of frame ``first``, ``count`` plausible frames in between, and frame ``last``.
+    """Build a motion of frame ``first``, ``count`` plausible frames, and frame ``last``.
 
     The root moves at constant speed.
 
@@ -183,7 +183,7 @@ def _on_the_way(ends: np.ndarray, share: np.ndarray) -> np.ndarray:
 
 
 def _new_motion(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
-    """Build a motion from the given poses, with the shape, frame rate and history of another motion."""
+    """Build a motion from given poses, with another motion's shape, frame rate and history."""
     count = len(frames.transl)
     pose = recorded_vectors(body, log_so3(frames.local)).reshape(count, -1)
     skeleton = forward_kinematics(body, motion.betas.astype(np.float64), frames.root, frames.local, frames.transl)

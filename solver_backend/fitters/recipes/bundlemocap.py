@@ -67,7 +67,7 @@ class Window:
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
 
     def codes_cost(self, z: Array) -> tuple[float, Array | None]:
-        """Return an additional cost of the frames' codes (F, d) and its gradient. This method has none."""
+        """Return an additional cost of codes (F, d), and its gradient. This method has none."""
         return 0.0, None
 
     def keys(self, state: KeyState) -> Keyframes:
@@ -121,7 +121,7 @@ def slide(
 def solve_bundlemocap(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve a take with the published method, starting from keyframes fitted to triangulated points."""
+    """Solve a take with the published method, starting from keyframes fitted to points."""
     problem, measured = replace(problem, pose_terms=()), problem.measurements
     seen = np.flatnonzero(measured.seen)
     if settings.betas is None and not measured.knows_person:
@@ -144,7 +144,7 @@ def solve_bundlemocap(
 
 
 def keys_near(problem: Problem, subject: Subject, times: np.ndarray, seen: np.ndarray) -> KeyState:
-    """Return keyframes at the given times, fitted to the points in the nearest observed frames (S,)."""
+    """Return keyframes at the given times, fitted to the nearest observed frames (S,)."""
     nearest = seen[np.abs(np.asarray(times)[:, None] - seen).argmin(axis=1)]
     unique, inverse = np.unique(nearest, return_inverse=True)
     fitted = fit_to_points(problem, subject, unique)

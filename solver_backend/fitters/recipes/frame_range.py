@@ -46,7 +46,7 @@ _DIAGONAL = [0, 3, 5]  # Entries xx, yy and zz of ``packed`` matrices.
 
 
 def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
-    """Replace the unsure flags that pins cause by larger deviations of the joints that they move.
+    """Replace unsure flags due to pins by larger deviations of the joints that they move.
 
     A pinned pose disagrees with the measurements, so its frame and the neighbouring frames are flagged as unsure.
     """
@@ -107,7 +107,7 @@ def contacts_in_place(
     detects: bool,
     every: bool,
 ) -> tuple[Contacts | None, SkinContacts | None]:
-    """Combine the earlier motion's contacts with contacts in the new frames and the user's changes.
+    """Combine the earlier contacts with contacts in new frames and the user's changes.
 
     If ``detects`` is false, the feet have only the contacts that the user added. If ``every`` is false, the same
     applies to all other parts.
@@ -130,7 +130,7 @@ def contacts_in_place(
 
 
 def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
-    """Return the floor and the objects, except those that the views contradicted in the earlier solve."""
+    """Return the floor and objects, except those that views contradicted in the earlier solve."""
     found = read_diagnostics(motion.provenance.get("diagnostics"))
     refused = [item.values.get("surface") for item in found if item.code == "surface_contradicted"]
     if not set(refused) - {PEOPLE}:
@@ -368,7 +368,7 @@ def solve_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> Solution:
-    """Solve a frame range of a motion again, with hands, and return the motion. Other frames do not change."""
+    """Solve a frame range of a motion again, with hands. Other frames do not change."""
     from solver_backend.fitters.hands.solve_hands import HandRange, Hands, solve_hands_again
 
     body = without_fingers(motion)

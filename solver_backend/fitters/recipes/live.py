@@ -38,7 +38,7 @@ ROBUST_SCALE = np.inf  # The learned variances are robust enough without a kerne
 
 
 class PersonFollower:
-    """Solver that follows one person from frame to frame. It keeps pose, velocity and body shape."""
+    """Solver that follows one person, and keeps pose, velocity and body shape between frames."""
 
     def __init__(self, subject: Subject, betas: np.ndarray | None = None) -> None:
         """Create a follower for a person, with the body shape (10,) if it is known."""
@@ -198,7 +198,7 @@ class LiveFit(PersonFollower):
         offsets: np.ndarray | None = None,
         betas: np.ndarray | None = None,
     ) -> None:
-        """Create a fit for a body. A calibrated person also has 53 landmarks with offsets, and a shape."""
+        """Create a fit for a body. A calibrated person also has a shape and 53 landmark offsets."""
         subject = Subject.average(body, landmarks or marker_landmarks(body, MARKERS), np.zeros(0))
         super().__init__(subject if offsets is None else replace(subject, offsets=offsets), betas)
 

@@ -95,7 +95,7 @@ class LandmarkFit:
     def evaluate(
         self, x: np.ndarray, loss: LandmarkLoss, steady: SteadyLandmarks | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the costs (F,) without the shape prior, and their gradients w.r.t. unknowns and body shape.
+        """Return costs (F,) without the shape prior, and gradients w.r.t. unknowns and shape.
 
         ``steady`` limits the landmarks' accelerations in these frames.
         """
@@ -143,7 +143,7 @@ class LandmarkFit:
     def fit_motion(
         self, loss: LandmarkLoss, steady: SteadyLandmarks, settings: QuasiNewtonSettings
     ) -> tuple[FrameStates, QuasiNewtonResult]:
-        """Fit the poses of all frames together, with a fixed body shape and limited accelerations of the landmarks."""
+        """Fit all poses together, with a fixed body shape and limited landmark accelerations."""
         shape = self.unknowns(loss).shape
 
         def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
