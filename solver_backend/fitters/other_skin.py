@@ -34,7 +34,7 @@ def spread_vertices(body: Body) -> np.ndarray:
 def only_close(one: Motion, other: Motion) -> Motion | None:
     """Return the other person's motion, marked as unseen in frames without joints within ``CLOSE_M``.
 
-    Return None if this applies to all frames. Frames in which one of the people is missing also count.
+    Return None if this applies to all frames. Frames without one of the people also count.
     """
     if one.joints is None or other.joints is None or len(one.joints) != len(other.joints):
         return None

@@ -92,7 +92,7 @@ def voted(
 
 
 def seen_together(tracklets: Tracklets) -> np.ndarray:
-    """Return a (C, C) mask of chains whose tracklets are visible at the same time."""
+    """Return a (C, C) mask of chains with tracklets that are visible at the same time."""
     first, last, chain = tracklets.first, tracklets.last, tracklets.chain
     together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
     for start in range(0, len(first), _ROWS):
@@ -290,8 +290,8 @@ class LabelledTake:
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
         """Return the take with one column per marker in the superset's order, followed by the unnamed points.
 
-        Names set by the user are kept, and other points are numbered. If two tracklets in a frame have the same marker,
-        the more certain one counts.
+        Names set by the user do not change, and other points are numbered. If two tracklets in a frame have the same
+        marker, the more certain one counts.
         """
         frames, given = len(self.labels), source.values
         named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
@@ -369,7 +369,7 @@ def label_take(
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
     """Return the frames for the network: at the reading rate, and at least one from every tracklet.
 
-    Only frames with enough visible points are read. Frames with many points are read less often (see ``CROWD``).
+    Frames need enough visible points. If they have many points, fewer frames are used (see ``CROWD``).
     """
     pairs = float(np.square(seen.sum(1), dtype=np.float64).mean()) / CROWD**2
     step = max(1, round(fps / READ_FPS * max(1.0, pairs)))

@@ -66,7 +66,7 @@ class RecordingFormat(ABC, Generic[Item]):
 class Recorder(Generic[Item]):
     """Context manager that appends frames to ``PATH.recording`` and converts it to ``PATH`` at the end.
 
-    All frames are kept even if the process is killed. The next run that uses the same path completes the recording.
+    No frame is lost if the process is killed. The next run that uses the same path completes the recording.
     """
 
     def __init__(self, path: Path, form: RecordingFormat[Item], *, overwrite: bool) -> None:
@@ -135,7 +135,7 @@ def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
 
 
 def pack_head(form: str, version: int, **values: object) -> bytes:
-    """Encode the JSON header line of a recording."""
+    """Encode a recording's header as a line of JSON."""
     return json.dumps({"format": form, "version": version, **values}).encode() + b"\n"
 
 

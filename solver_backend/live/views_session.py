@@ -29,7 +29,7 @@ _FEWEST = 2  # Minimum number of visible keypoints in a pair that can be swapped
 
 
 class ExchangedSides:
-    """Correction for limb pairs whose left and right the detector swapped."""
+    """Correction for limbs that the detector swapped between left and right."""
 
     def __init__(self, names: Sequence[str]) -> None:
         rows = {name: row for row, name in enumerate(names)}
@@ -174,7 +174,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return _split(seen)
 
     def _agreement(self, seen: np.ndarray) -> int:
-        """Return the number of (C, K, 3) keypoints on which two views agree."""
+        """Return the number of (C, K, 3) keypoints that two views locate consistently."""
         return int(np.isfinite(np.asarray(self.fit.locate(*_split(seen)).points)).all(-1).sum())
 
     def _enter_world(self, moment: ViewMoment) -> Iterator[EventLine]:

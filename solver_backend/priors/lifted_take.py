@@ -182,8 +182,8 @@ def _lifted_twice(
 UP_RAD = 0.17  # Error of the lifter's up direction over a take, per axis: 10 degrees, common to most frames.
 FLOOR_M, FEET_ALIKE_S = 0.1, 0.5  # Error of the lower sole's height in metres, and its correlation time in seconds.
 STANDING_PERCENT = 20.0
-"""Percentile of the lower sole's heights at which a foot stands. In four takes of subjects 08 and 60 and four training
-takes, feet then skate by 0.003 cm per frame, or by 0.005 if the median is used."""
+"""Percentile of the lower sole's heights that gives the height of a planted sole. In four takes of subjects 08 and 60
+and four training takes, feet then skate by 0.003 cm per frame, or by 0.005 if the median is used."""
 SOLE_M, ANKLE_M = 0.02, 0.08  # Heights in metres of a standing foot's heel or toe, and of its ankle.
 _FEET = {
     f"{side}_{part}": height
@@ -194,9 +194,9 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) -> float | None:
-    """Return the height in metres of the lower sole while it stands, or None if no foot is visible.
+    """Return the height in metres of the lower sole when planted, or None if no foot is visible.
 
-    It is the percentile ``STANDING_PERCENT``, which is low because dancers and jumpers rarely stand.
+    It is the percentile ``STANDING_PERCENT``, which is low because dancers and jumpers rarely plant their feet.
     """
     soles = lower_soles(points, names, seen, _UP)
     return float(np.percentile(soles[:, 2], STANDING_PERCENT)) if len(soles) else None
@@ -228,7 +228,7 @@ def up_by_floor(
     """Tilt the lifter's up direction (3,) so that the feet come closer to one height.
 
     The tilt is the minimum ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, where h are the heights of
-    N lower soles, of which n are independent. ``points`` (F, L, 3) are in camera axes, or in other axes if ``expected``
+    N lower soles, with n independent ones. ``points`` (F, L, 3) are in camera axes, or in other axes if ``expected``
     gives their up direction.
     """
     expected = take.up if expected is None else expected

@@ -35,7 +35,7 @@ _LOOSE = 3.0  # Robust scale for offsets if none is given.
 
 @dataclass(frozen=True)
 class HandViewTerm:
-    """Reprojection term of a hand in which each view may shift the whole hand by an offset o.
+    """Reprojection term of a hand that each view may shift as a whole by an offset o.
 
     ``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``. A misplaced detector crop moves all 21
     hand points equally, so together they locate the hand no better than one point. Eliminating o leaves
@@ -247,8 +247,8 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
     """Assign hand detections to the nearest wrists, and exclude hands far from both.
 
     If each of a view's two hands is nearer to the other wrist, they are swapped. A single hand changes its side in the
-    same way. Where the hands meet, a frame follows the unambiguous frames before and after, if these agree. ``wrists``
-    and ``elbows`` are (F, 2, 3) positions on the solved body in metres, left first.
+    same way. Frames with touching hands follow the unambiguous frames before and after, if these agree. ``wrists`` and
+    ``elbows`` are (F, 2, 3) positions on the solved body in metres, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))
     forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]

@@ -50,8 +50,8 @@ def split_hands(
 ) -> tuple[MarkerCloud, HandClouds | None]:
     """Split a cloud into body markers and hand markers, such as ``L_FT2``.
 
-    An unknown marker that stays close to a hand marker belongs to the hand. A cloud without hand markers is returned
-    unchanged. ``own`` maps labels to user-assigned marker positions (see ``read_label_places``).
+    An unknown marker that is always close to a hand marker belongs to the hand. A cloud without hand markers is
+    returned unchanged. ``own`` maps labels to user-assigned marker positions (see ``read_label_places``).
     """
     labels = cloud.names
     found = hand_columns([own.get(label, label) for label in labels])

@@ -57,7 +57,7 @@ class PlacementPrior:
 
 
 def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> PersonState:
-    """Create the calibration's state, in which poses may leave the prior's manifold."""
+    """Create the calibration's state. Its poses may leave the prior's manifold."""
     if frames.residual is None:
         frames = replace(frames, residual=zeros((frames.z.shape[0], len(prior.joints), 3), frames.z))
     return PersonState(subject, frames, state_layout(prior))
@@ -152,9 +152,9 @@ SPREAD_M = 0.03  # Deviation of joints from the scaled average body, weighed aga
 def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndarray:
     """Estimate the initial body shape (10,) from marker distances, or return zeros if the average body's size fits.
 
-    The size s is the median of ``d / r``, weighted by r, over marker pairs whose distance no pose changes. d is the
-    recorded distance, r the average body's. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with joints J
-    and their derivatives D, relative to the pelvis. ``points`` (F, L, 3) are in metres, NaN where missing.
+    The size s is the median of ``d / r``, weighted by r, over marker pairs with the same distance in all poses. d is
+    the recorded distance, r the average body's. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with
+    joints J and their derivatives D, relative to the pelvis. ``points`` (F, L, 3) are in metres, NaN where missing.
     """
     nothing = np.zeros(body.joints_shapedirs.shape[-1])
     rest = landmarks.anchors.sum(axis=1)
