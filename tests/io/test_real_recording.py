@@ -51,8 +51,9 @@ def test_units_and_axes_of_the_real_recording(real: Capture) -> None:
     assert real.cameras is not None
     assert real.keypoints is not None
     found = check_world(real.cameras, real.keypoints)
-    assert 1.6 < found.height_m < 2.0
-    assert 0 < found.lowest_m < 0.15
+    figures = found.found()[0].values
+    assert 1.6 < figures["span"] < 2.0
+    assert 0 < figures["lowest"] < 0.15
     assert found.upright[2] > 0.95
     assert found.residual_px < 13
 

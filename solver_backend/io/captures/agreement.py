@@ -25,7 +25,7 @@ from solver_backend.agreement.starts import (
     read_out_of_step,
     strength,
 )
-from solver_backend.agreement.synchronisation import reach_frames
+from solver_backend.agreement.synchronisation import reach_frames, synchronised
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, notes_in, warnings_in, word
 from solver_backend.exchange.errors import CalibrationInvalid, JobInvalid, NotSynchronised
 from solver_backend.exchange.reading_settings import offsets_by_camera
@@ -35,7 +35,7 @@ from solver_backend.io.camera_names import listing, name_key
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.frame_numbers import different_frames
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up, with_up_axis
-from solver_backend.types import Cameras, Capture
+from solver_backend.types import Cameras, Capture, Keypoints2D
 
 
 @dataclass(frozen=True)
@@ -103,23 +103,19 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     capture = replace(capture, notes=notes, problems=problems)
     if not found.first_rows:
         return capture
+    late = np.array(found.first_rows) - found.first_rows[0]
+    used = (found.detections.confidence > 0).any(axis=(1, 2, 3))[:, None, None]
+
+    def shift(keypoints: Keypoints2D) -> Keypoints2D:
+        shifted = synchronised(keypoints, late)
+        return replace(shifted, confidence=np.where(used, shifted.confidence, 0.0))
+
     first = max(found.first_rows[0], 0)
     stop = min(found.first_rows[0] + found.detections.num_frames, capture.num_frames)
-    rows = slice(first - found.first_rows[0], stop - found.first_rows[0])
-    cut = capture.frames(first, stop)
-    aligned = found.detections
-    moved = [
-        replace(
-            person, xy=aligned.xy[:, rows, p], confidence=aligned.confidence[:, rows, p],
-            hands=None if person.hands is None or aligned.hands is None else aligned.hands[:, rows, p],
-        )
-        for p, person in enumerate(everybody)
-    ]  # fmt: skip
-    people = tuple(replace(person, keypoints=moved[p]) for p, person in enumerate(capture.people))
-    solved = next((p for p, person in enumerate(capture.people) if person.name == capture.person), 0)
-    late = [row - found.first_rows[0] for row in found.first_rows]
-    pictures = [picture + by for picture, by in zip(cut.footage_first, late, strict=False)]
-    return replace(cut, keypoints=moved[solved], people=people, footage_first=tuple(pictures))
+    people = tuple(replace(person, keypoints=shift(person.keypoints)) for person in capture.people)
+    cut = replace(capture, keypoints=shift(capture.keypoints), people=people).frames(first, stop)
+    pictures = tuple(picture + by for picture, by in zip(cut.footage_first, late.tolist(), strict=False))
+    return replace(cut, footage_first=pictures)
 
 
 def as_numbered(detections: Detections) -> Detections:
@@ -220,22 +216,26 @@ def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
 
 @dataclass(frozen=True)
 class Agreeing:
-    """Input of a solve after all corrections."""
+    """Calibration and detections after the corrections."""
 
     calibration: Calibration
     in_time: InTime  # Detections with simultaneous rows.
     resampled: tuple[bool, ...]  # True for each camera whose rows are no longer the frames of its video.
-    problems: tuple[Diagnostic, ...] = ()  # Corrections of detections and frame rates.
+    problems: tuple[Diagnostic, ...] = ()  # Corrections, and open alternatives.
     turned: bool = False  # True if a single camera's detections were rotated and no longer fit its video.
 
+    @property
+    def detections(self) -> Detections:
+        """Detections so far."""
+        return self.in_time.detections
 
-@dataclass(frozen=True)
-class _Files:
-    """Calibration and detections with the corrections so far."""
+    def with_detections(self, detections: Detections) -> Agreeing:
+        """Replace the detections."""
+        return replace(self, in_time=replace(self.in_time, detections=detections))
 
-    calibration: Calibration
-    detections: Detections
-    problems: tuple[Diagnostic, ...] = ()
+    def report(self, *problems: Diagnostic) -> Agreeing:
+        """Add problems."""
+        return replace(self, problems=(*self.problems, *problems))
 
     def in_file(self, options: ReadOptions) -> Cameras:
         """Return the cameras in the world of the calibration file, before its up axis became Z."""
@@ -253,7 +253,7 @@ class _Files:
                 return replace(found, reading=as_written, applied=(), agrees=agrees)
         return found
 
-    def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> _Files:
+    def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> Agreeing:
         """Resample the detections by (C,) ratios to the frame rate of the take, which is assumed if ``is_open``."""
         if (ratios == 1).all():
             return self
@@ -262,25 +262,28 @@ class _Files:
         named = [f"{name} {rate:.4g}" for name, rate in rates.items()]
         values = {"rate": fps, "rates": named, "basis": "assumed" if is_open else "known"}
         problem = diagnostic("camera_rates_differ", cameras=list(rates), **values)
-        return _Files(self.calibration, at_one_rate(self.detections, ratios.tolist()), (*self.problems, problem))
+        resampled = replace(self, resampled=tuple((ratios != 1).tolist()))
+        return resampled.with_detections(at_one_rate(self.detections, ratios.tolist())).report(problem)
 
-    def read(self, reading: Reading, options: ReadOptions, problems: Sequence[Diagnostic] = ()) -> _Files:
-        """Apply a reading, and add problems to the calibration."""
-        calibration, detections, views = self.calibration, self.detections, range(len(self.detections.cameras))
-        if reading != Reading.as_written(len(views)):
-            cameras, detections = apply_reading(self.in_file(options), detections, reading)
-            cameras = with_up_axis(cameras, options.up_axis or "z")
-            rolls = tuple(reading.correction(view).turn for view in views)
-            known = tuple(calibration.size_known[owner] for owner in reading.owners) if calibration.size_known else ()
-            calibration = replace(calibration, cameras=cameras, rolls=rolls, size_known=known)
-        calibration = replace(calibration, problems=(*calibration.problems, *problems)) if problems else calibration
-        return _Files(calibration, detections, self.problems)
+    def read(self, reading: Reading, options: ReadOptions) -> Agreeing:
+        """Apply a reading to calibration and detections."""
+        if reading == Reading.as_written(len(reading.owners)):
+            return self
+        cameras, detections = apply_reading(self.in_file(options), self.detections, reading)
+        rolls = tuple(reading.correction(view).turn for view in range(len(reading.owners)))
+        known = tuple(self.calibration.size_known[owner] for owner in reading.owners if self.calibration.size_known)
+        cameras = with_up_axis(cameras, options.up_axis or "z")
+        calibration = replace(self.calibration, cameras=cameras, rolls=rolls, size_known=known)
+        return replace(self, calibration=calibration).with_detections(detections)
 
-    def apply(self, found: Explanation, options: ReadOptions) -> _Files:
+    def apply(self, found: Explanation, options: ReadOptions) -> Agreeing:
+        """Apply an explanation, and report it."""
         if found.changed:  # delays below a frame are measured elsewhere
-            return self.read(replace(found.reading, late=()), options, _report(self.detections.cameras, found))
-        problems = [diagnostic("explanations_open", one=found.open[0], other=found.open[1])] if found.open else []
-        return self.read(Reading.as_written(len(self.detections.cameras)), options, problems)
+            names = self.detections.cameras
+            return self.read(replace(found.reading, late=()), options).report(*_report(names, found))
+        if not found.open:
+            return self
+        return self.report(diagnostic("explanations_open", one=found.open[0], other=found.open[1]))
 
 
 def bring_to_agreement(
@@ -301,63 +304,59 @@ def bring_to_agreement(
         CalibrationInvalid: all cameras are at one point.
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
     """
-    files = _Files(calibration, detections)
-    count = len(detections.cameras)
-    if count == 1:
-        turned = _read_one_view(files, options)
-        moved = turned.detections is not detections
-        return Agreeing(turned.calibration, InTime(turned.detections), (False,), turned.problems, moved)
+    files = Agreeing(calibration, InTime(detections), (False,) * len(detections.cameras))
+    if len(detections.cameras) == 1:
+        return _read_one_view(files, options)
     if not np.ptp(calibration.cameras.centres, axis=0).any():
         what = "All cameras are at one point, because the calibration has only intrinsics."
         hint = "Also calibrate the positions of the cameras, for example with `cameras calibrate`."
         raise CalibrationInvalid(what, where=str(calibration.source), hint=hint)
-    ratios, stated = np.ones(count), stated_ratios(rates, fps)
+    stated = stated_ratios(rates, fps)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     if searched and (stated == 1).all():
         relative = rates_by_length(calibration.cameras, detections, as_numbered(detections))
         ratios, is_open = of_the_take(relative)
         files = files.at_rates(ratios, fps, is_open=is_open and options.fps is None)
-    numbered = replace(files, detections=as_numbered(files.detections))
+    numbered = replace(files, in_time=InTime(as_numbered(files.detections)))
     found = None if options.as_calibrated else numbered.explained(options)
     settled = found is not None and (found.agrees or found.changed) and not found.reading.is_of_one_camera
     if found is not None and settled:
         files = files.apply(found, options)
     elif (stated != 1).any():
         if rates_match(calibration.cameras, detections, stated):
-            ratios, files = stated, files.at_rates(stated, fps)
-    elif searched and (ratios == 1).all():
+            files = files.at_rates(stated, fps)
+    elif searched and not any(files.resampled):
         reading = read_out_of_step(files.in_file(options), files.detections)
         if reading is not None:
             where = {"cameras": files.detections.cameras, "meanings": reading.correction(0).meaning()}
-            files = files.read(reading, options, [diagnostic("calibration_corrected", result="never", **where)])
-    in_time = bring_to_one_time(files.calibration.cameras, files.detections, fps, options)
+            corrected = diagnostic("calibration_corrected", result="never", **where)
+            files = files.read(reading, options).report(corrected)
+    files = replace(files, in_time=bring_to_one_time(files.calibration.cameras, files.detections, fps, options))
     if found is not None and files.calibration is calibration and not settled:
-        rows = replace(files, detections=in_time.detections)
-        if in_time.first_rows or (ratios != 1).any():
-            found = rows.explained(options)
-        files = rows.apply(found, options)
-        in_time = replace(in_time, detections=files.detections)
-    return Agreeing(files.calibration, in_time, tuple((ratios != 1).tolist()), files.problems)
+        if files.in_time.first_rows or any(files.resampled):
+            found = files.explained(options)
+        files = files.apply(found, options)
+    return files
 
 
-def _read_one_view(files: _Files, options: ReadOptions) -> _Files:
+def _read_one_view(files: Agreeing, options: ReadOptions) -> Agreeing:
     camera, seen = files.in_file(options), files.detections
     found = None if options.as_calibrated else pictures_of_one_view(camera, seen)
     if found is None:
         return files
     meaning, turn = found.picture.correction.meaning(), found.picture.turn
     if found.rival:
-        suspected = diagnostic("explanations_open", one=found.rival, other=meaning)
-        return replace(files, problems=(*files.problems, suspected))
+        return files.report(diagnostic("explanations_open", one=found.rival, other=meaning))
     values = {"meanings": meaning, "percent": 100 * found.outside, "cameras": seen.cameras}
-    corrected = [diagnostic("calibration_corrected", result=found.shown_by, **values)]
+    files = files.report(diagnostic("calibration_corrected", result=found.shown_by, **values))
     if turn:  # poses are lifted from upright images
         size, hands = camera.image_size[0], None if seen.hands is None else seen.hands.copy()
         if hands is not None:
             hands[..., :2] = unturn(hands[..., :2], turn, size)
-        upright = replace(seen, xy=unturn(seen.xy, turn, size), hands=hands)
-        return replace(files, detections=upright).read(Reading.as_written(1), options, corrected)
-    return files.read(Reading.as_written(1).with_picture(0, found.picture), options, corrected)
+        files = files.with_detections(replace(seen, xy=unturn(seen.xy, turn, size), hands=hands))
+    else:
+        files = files.read(Reading.as_written(1).with_picture(0, found.picture), options)
+    return replace(files, turned=files.detections is not seen)
 
 
 def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:

@@ -89,8 +89,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
     stated = [None if header is None else header.fps for header in videos]
     agreeing = bring_to_agreement(calibration, detections, rate, stated, options)
-    in_time, calibration = agreeing.in_time, agreeing.calibration
-    detections = in_time.detections
+    in_time, calibration, detections = agreeing.in_time, agreeing.calibration, agreeing.detections
     hidden = (moved or agreeing.turned for moved in agreeing.resampled)
     footage = tuple(None if other else path for path, other in zip(footage, hidden, strict=True))
     kept = options.as_calibrated or options.scale != 1.0

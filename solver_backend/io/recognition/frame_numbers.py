@@ -36,24 +36,19 @@ def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
     for group in range(1, width + 1):
         numbers = np.array([int(found[-group]) for found in groups], dtype=np.int64)
         if len(np.unique(numbers)) == len(numbers):
-            return _counted(numbers, where)
+            ordered = np.sort(numbers)
+            step = float(np.median(np.diff(ordered))) if len(ordered) > 2 else 1.0
+            if step < _STEP_OF_TIMES and not spans_too_much(ordered.tolist()):
+                return numbers
+            span = int(ordered[-1]) - int(ordered[0]) + 1
+            how = f"in steps of {step:g}, as times do" if step >= _STEP_OF_TIMES else f"over {span:,} frames"
+            what = f"The numbers in the names of the {len(ordered)} files run from {ordered[0]} to {ordered[-1]} {how}."
+            hint = "Number the files 0, 1, 2 ... in each camera's folder."
+            raise FileDamaged(f"{what} Numbers that count the frames are expected.", where=where, hint=hint)
     numbers = np.array([int(found[-1]) for found in groups])
     values, counts = np.unique(numbers, return_counts=True)
     what = f"{counts.max()} files have the frame number {values[counts.argmax()]}."
     raise FileDamaged(what, where=where, hint="Keep one camera and one take in each folder.")
-
-
-def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
-    """Return the numbers, or raise ``FileDamaged`` if they are too far apart to count frames."""
-    ordered = np.sort(numbers)
-    step = float(np.median(np.diff(ordered))) if len(ordered) > 2 else 1.0
-    if step < _STEP_OF_TIMES and not spans_too_much(ordered.tolist()):
-        return numbers
-    span = int(ordered[-1]) - int(ordered[0])
-    how = f"in steps of {step:g}, as times do" if step >= _STEP_OF_TIMES else f"over {span + 1:,} frames"
-    what = f"The numbers in the names of the {len(ordered)} files run from {ordered[0]} to {ordered[-1]} {how}. "
-    hint = "Number the files 0, 1, 2 ... in each camera's folder."
-    raise FileDamaged(f"{what}Numbers that count the frames are expected.", where=where, hint=hint)
 
 
 def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
@@ -63,9 +58,8 @@ def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
     """
     steps = np.unique(np.concatenate([np.diff(of_camera) for of_camera in numbers]))
     firsts = [int(of_camera[0]) for of_camera in numbers]
-    if len(numbers) < 2 or len(steps) != 1 or steps[0] < len(numbers) or len(set(firsts)) < len(firsts):
-        return None
-    if max(firsts) - min(firsts) >= steps[0]:
+    one_each = len(set(firsts)) == len(firsts) and len(steps) == 1 and max(firsts) - min(firsts) < steps[0]
+    if len(numbers) < 2 or not one_each:
         return None
     return [(of_camera - min(firsts)) // steps[0] for of_camera in numbers]
 

@@ -55,9 +55,7 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
     ankle, heel, toe = (at.get(f"{side}_{part}") for part in ("ankle", "heel", "big_toe"))
     assert ankle is not None
     guess = ankle + _ankle_to_sole_m() * unit(np.cross(at["left_hip"] - at["right_hip"], up))
-    if heel is None or toe is None:
-        return guess
-    middle = 0.5 * (heel + toe)
+    middle = guess if heel is None or toe is None else 0.5 * (heel + toe)
     return np.where(np.isfinite(middle), middle, guess)
 
 
@@ -159,7 +157,12 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
     if not np.isfinite(length).any():
         raise NoDetections("Shoulders and ankles are never visible at the same time, so the up direction is unknown.")
     standing = length > 0.9 * np.nanquantile(length, 0.9)
-    up = trunk = _median_direction(tall[standing] / length[standing, None])
+    directions = tall[standing] / length[standing, None]
+    trunk = directions.mean(axis=0)
+    for _ in range(MOST_ROUNDS):  # Weiszfeld's iterations of the geometric median
+        weight = 1.0 / np.maximum(np.linalg.norm(directions - trunk, axis=1), 1e-3)
+        trunk = (directions * weight[:, None]).sum(axis=0) / weight.sum()
+    up = trunk = unit(trunk)
     body, feet = body_points(points, joint_set), points[:, foot_keypoints(joint_set)]
     alike = max(1.0, BRIDGE_S * fps) * feet.shape[1]
     known = np.isfinite(feet).all(-1)
@@ -240,15 +243,6 @@ def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Joi
 def middle_of(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:
     """Return the (F, 3) midpoints of the left and the right keypoint of a body part."""
     return 0.5 * (points[:, names.index(f"left_{part}")] + points[:, names.index(f"right_{part}")])
-
-
-def _median_direction(directions: np.ndarray) -> np.ndarray:
-    """Return the geometric median of unit vectors by Weiszfeld's iterations, normalised."""
-    mean = directions.mean(0)
-    for _ in range(MOST_ROUNDS):
-        weight = 1.0 / np.maximum(np.linalg.norm(directions - mean, axis=1), 1e-3)
-        mean = (directions * weight[:, None]).sum(0) / weight.sum()
-    return mean / np.linalg.norm(mean)
 
 
 def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:

@@ -34,7 +34,12 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
     """
     if num_keypoints in given.num_written if given else JointSet.fitting(num_keypoints):
         return
-    what, hint = f"No known joint set has {num_keypoints} keypoints.", _fitting_hint(num_keypoints)
+    what, fits = f"No known joint set has {num_keypoints} keypoints.", JointSet.fitting(num_keypoints)
+    known = ", ".join(f"{s.value} ({'/'.join(map(str, s.num_written))})" for s in JointSet)
+    hint = f"Joint sets with {num_keypoints} keypoints: {', '.join(s.value for s in fits)}."
+    if not fits:
+        advice = "Name the keypoints in a keypoints.json file next to the recording."
+        hint = f"{advice} Known sets and their numbers of keypoints: {known}."
     if given is not None:
         what = f"The files have {num_keypoints} keypoints per person, but {given.value} has {given.num_keypoints}."
     elif num_keypoints in (NUM_HAND_POINTS, 2 * NUM_HAND_POINTS):
@@ -58,17 +63,16 @@ def choose_joint_set(
     if given is not None:
         require_known_count(count, given, where=where)
         return given, (diagnostic("joint_set_chosen", source="given", joint_set=given.value),), ()
-    flat = np.flatnonzero((confidence > 0).any(-1))
-    sample = flat[:: max(1, len(flat) // SAMPLED_FRAMES)]
-    best, found, certain = recognise_joint_set(
-        xy.reshape(-1, count, 2)[sample], confidence.reshape(-1, count)[sample], where=where
-    )
+    xy, confidence = xy.reshape(-1, count, 2), confidence.reshape(-1, count)
+    seen = np.flatnonzero((confidence > 0).any(-1))
+    sample = seen[:: max(1, len(seen) // SAMPLED_FRAMES)]
+    best, found, certain = recognise_joint_set(xy[sample], confidence[sample], where=where)
     if configured is best or (configured is not None and count in configured.num_written and not certain):
         return configured, (diagnostic("joint_set_chosen", source="config", joint_set=configured.value),), ()
-    doubt = diagnostic("joint_set_uncertain", joint_set=best.value, reason="anatomy")
-    if configured is not None:
-        doubt = diagnostic("joint_set_uncertain", joint_set=best.value, reason="config", configured=configured.value)
-    return best, (found,), () if certain and configured is None else (doubt,)
+    if certain and configured is None:
+        return best, (found,), ()
+    why = {"reason": "anatomy"} if configured is None else {"reason": "config", "configured": configured.value}
+    return best, (found,), (diagnostic("joint_set_uncertain", joint_set=best.value, **why),)
 
 
 def recognise_joint_set(
@@ -83,21 +87,18 @@ def recognise_joint_set(
         KeypointCountMismatch: no known set has K keypoints.
     """
     require_known_count(xy.shape[1], None, where=where)
-    fitting = JointSet.fitting(xy.shape[1])
-    if len(fitting) == 1:
-        score = bone_score(fitting[0], xy, confidence)
-        unlike = np.isfinite(score) and score > UNLIKE and len(xy) >= ENOUGH
-        source = "unlike" if unlike else "count"
-        note = diagnostic("joint_set_chosen", source=source, joint_set=fitting[0].value, count=xy.shape[1])
-        return fitting[0], note, not unlike
-    (shortest, best), (longer, second), *_ = sorted(
-        ((bone_score(s, xy, confidence), s) for s in fitting), key=lambda scored: scored[0]
-    )
-    if not np.isfinite(shortest):
-        return fitting[0], diagnostic("joint_set_chosen", source="unseen", joint_set=fitting[0].value), False
-    ratio = longer / max(shortest, 1e-9)
-    found = diagnostic("joint_set_chosen", source="anatomy", joint_set=best.value, rival=second.value, ratio=ratio)
-    return best, found, ratio > CLEAR_RATIO and (shortest <= UNLIKE or len(xy) < ENOUGH)
+    scores = {joint_set: bone_score(joint_set, xy, confidence) for joint_set in JointSet.fitting(xy.shape[1])}
+    best, *others = sorted(scores, key=lambda joint_set: scores[joint_set])
+    seen = np.isfinite(scores[best])
+    is_like = not seen or scores[best] <= UNLIKE or len(xy) < ENOUGH
+    if not others:
+        source = "count" if is_like else "unlike"
+        return best, diagnostic("joint_set_chosen", source=source, joint_set=best.value, count=xy.shape[1]), is_like
+    if not seen:
+        return best, diagnostic("joint_set_chosen", source="unseen", joint_set=best.value), False
+    ratio = scores[others[0]] / max(scores[best], 1e-9)
+    found = diagnostic("joint_set_chosen", source="anatomy", joint_set=best.value, rival=others[0].value, ratio=ratio)
+    return best, found, is_like and ratio > CLEAR_RATIO
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
@@ -117,12 +118,3 @@ def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> f
     square = np.where(known, lengths**2, 0).sum(1) / np.maximum(known.sum(1), 1)
     usable = (height > 0) & known.any(1)
     return float(np.median(np.sqrt(square[usable]) / height[usable])) if usable.any() else float("inf")
-
-
-def _fitting_hint(num_keypoints: int) -> str:
-    fits = JointSet.fitting(num_keypoints)
-    if fits:
-        return f"Joint sets with {num_keypoints} keypoints: {', '.join(s.value for s in fits)}."
-    known = ", ".join(f"{s.value} ({'/'.join(map(str, s.num_written))})" for s in JointSet)
-    advice = "Name the keypoints in a keypoints.json file next to the recording."
-    return f"{advice} Known sets and their numbers of keypoints: {known}."

@@ -102,26 +102,26 @@ def find_up_axis(
         rotation_to_z_up(given)
         return _axis(given.lower().lstrip("+"), "given")
     positions, expected = positions[:: max(1, len(positions) // 500)], stated or default
-    body = _standing_along(positions, _person_raised(positions, labels))
+    raised, apart, (least, _, most) = raised_part(positions, labels)
+    # The labels of two parts may belong to two people, or to a prop.
+    body = _standing_along(positions, raised if least / CLEAR <= apart <= most * CLEAR else None)
     if body is None or body == expected or _may_lie(positions, expected, body):
         if stated:
             return _axis(stated, "file")
         if body == expected:
             return _axis(expected, "body")
-        floor = _above_floor(positions)
-        if floor is not None:
-            return _axis(floor, "floor")
-        return _axis(expected, "kind")
+        ends = {axis: (_lowest(positions, axis), _lowest(positions, axis, 0.98)) for axis in UP_AXES}
+        above = [axis for axis, (low, high) in ends.items() if -BELOW_M < low < FLOOR_M and high > 2 * FLOOR_M]
+        return _axis(above[0], "floor") if len(above) == 1 else _axis(expected, "kind")
     feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
     afloat = not abs(_lowest(positions, expected)) <= FLOOR_M  # a person in a handstand has the hands at 0
     if not stated and (feet_at_zero or afloat or body.lstrip("-") != expected.lstrip("-")):
         doubted = not feet_at_zero and body.lstrip("-") not in _USUAL
         problem = diagnostic("up_axis_doubted", conflict="unusual", along=body.upper()) if doubted else None
         return _axis(body, "body", problem)
-    name, source, conflict = (body, "corrected", "corrected") if feet_at_zero else (expected, "file", "stated")
-    source = source if stated or feet_at_zero else "kind"
+    conflict = "corrected" if feet_at_zero else "stated"
     doubt = diagnostic("up_axis_doubted", stated=expected.upper(), along=body.upper(), conflict=conflict)
-    return _axis(name, source, doubt)
+    return _axis(body, "corrected", doubt) if feet_at_zero else _axis(expected, "file" if stated else "kind", doubt)
 
 
 def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognised:
@@ -148,15 +148,6 @@ def _standing_along(positions: np.ndarray, raised: np.ndarray | None) -> str | N
     return ("" if sign[axis] > 0 else "-") + "xyz"[axis]
 
 
-def _person_raised(positions: np.ndarray, labels: Sequence[str]) -> np.ndarray | None:
-    """Return the (F, 3) vectors of ``raised_part``, or None if they are longer or shorter than in people.
-
-    The labels of two parts may belong to two people, or to a prop.
-    """
-    raised, apart, (least, _, most) = raised_part(positions, labels)
-    return raised if least / CLEAR <= apart <= most * CLEAR else None
-
-
 def raised_part(
     positions: np.ndarray, labels: Sequence[str]
 ) -> tuple[np.ndarray | None, float, tuple[float, float, float]]:
@@ -173,13 +164,6 @@ def raised_part(
             apart = float(quantile(np.linalg.norm(high - low, axis=-1), 0.5, 0, "nearest"))
             return high - low, apart, length
     return None, np.nan, (0.0, 1.0, np.inf)
-
-
-def _above_floor(positions: np.ndarray) -> str | None:
-    """Return the only axis along which the lowest marker is near 0. Return None if there are several, or none."""
-    ends = {axis: (_lowest(positions, axis), _lowest(positions, axis, 0.98)) for axis in UP_AXES}
-    above = [axis for axis, (low, high) in ends.items() if -BELOW_M < low < FLOOR_M and high > 2 * FLOOR_M]
-    return above[0] if len(above) == 1 else None
 
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
@@ -260,14 +244,13 @@ def find_unit(
     for other in dict.fromkeys(units):
         if fits(other, (POSSIBLE_M[0] / CLEAR, POSSIBLE_M[1] * CLEAR)):
             if name is None:
-                return Recognised(other, diagnostic("unit_read", source="spread", unit=other, spread=size))
+                return _unit(other, "spread", spread=size)
             problem = diagnostic("marker_unit_not_as_stated", stated=name, spread=size * METRES[name], unit=other)
             return _unit(other, "corrected", problem)
-    if name is not None:
-        problem = diagnostic("marker_spread_unlikely", likely="file", spread=size * METRES[name])
-        return _unit(name, "file", problem)
-    return _unit(default, "kind")
+    if name is None:
+        return _unit(default, "kind")
+    return _unit(name, "file", diagnostic("marker_spread_unlikely", likely="file", spread=size * METRES[name]))
 
 
-def _unit(name: str, source: str, problem: Diagnostic | None = None) -> Recognised:
-    return Recognised(name, diagnostic("unit_read", source=source, unit=name), problem)
+def _unit(name: str, source: str, problem: Diagnostic | None = None, **values: float) -> Recognised:
+    return Recognised(name, diagnostic("unit_read", source=source, unit=name, **values), problem)

@@ -1,4 +1,4 @@
-"""Align the path of a moving camera with a world in metres from the filmed person."""
+"""Place the path of a moving camera in a world in metres, from the filmed person."""
 
 from __future__ import annotations
 
@@ -21,30 +21,28 @@ from solver_backend.priors.lifted_take import LiftedTake, lift_take, lowest_feet
 from solver_backend.types import Cameras, Keypoints2D
 
 STEP_S, STANDS_M_S = 0.2, 0.4
-"""Time in seconds between compared foot positions, and speed (m/s) at which a foot counts half as standing."""
-ALONG_SIGHT = 10.0  # Ratio of the error of lifted feet along the line of sight to the error across it.
+"""Time in seconds between compared foot positions, and speed (m/s) at which the weight of a foot is a quarter."""
+ALONG_SIGHT = 10.0  # Error of lifted feet along the line of sight relative to the error across it.
 BIAS, UNSURE = 0.05, 0.2
-"""Relative scale error that more frames do not reduce, and relative standard deviation that causes a warning. The first
-is the RMS on ten simulated walks that chose the constants above (subjects 02, 08, 09, 16 and 35), with known statures.
-"""
+"""Relative scale error that more frames do not reduce, and relative standard deviation that causes a warning. The bias
+is the RMS error of ten simulated walks that chose these constants (subjects 02, 08, 09, 16 and 35, known statures)."""
 
 
 def fit_path(
     camera: Cameras, keypoints: Keypoints2D, path: FilmedPath, stature_m: float = 0.0
 ) -> tuple[Cameras, Diagnostic]:
-    """Place a moving camera in a world with Z up and the floor under the person.
+    """Place a moving camera in a world with Z up and the floor under the person. Return a diagnostic too.
 
-    Up comes from the view lifter, scale and floor slope from planted feet. An up axis and metres in the file are kept.
-    A stature of 0 means an average adult.
+    The up direction comes from the view lifter, and the scale and the slope of the floor from standing feet. An up
+    direction and metres in the file of the path are kept. A stature of 0 means an average adult.
     """
     body = load_body()
     landmarks = keypoint_landmarks(body, keypoints.joint_set)
-    turns = path.R
-    if path.up is None:
-        lifted = lift_take(replace(camera, path=None), keypoints, body)
-        up = unit(_mean_up(lifted, turns))
-    else:
-        up, turns = path.up, _upright_turns(camera, keypoints, path)
+    turns, lifted = path.R, lift_take(replace(camera, path=None), keypoints, body)
+    up = unit(_mean_up(lifted, turns)) if path.up is None else path.up
+    if path.up is not None:  # phones state the pose of their sensor, which is rotated in a portrait video
+        quarters = [np.linalg.matrix_power(QUARTER, turn) for turn in TURNS]
+        turns = turns @ max(quarters, key=lambda quarter: float(up @ _mean_up(lifted, path.R @ quarter)))
     centre = path.centre - path.centre[0]
     for again in (True, False):
         Q = turn_to_z(up)
@@ -79,31 +77,21 @@ def fit_path(
 
 
 def _mean_up(lifted: LiftedTake, turns: np.ndarray) -> np.ndarray:
-    """Return the mean (3,) of the lifter's up directions after (F, 3, 3) rotations."""
+    """Return the sum (3,) of the lifter's up directions after (F, 3, 3) rotations, weighted by confidence."""
     weight = lifted.confidence.sum(axis=1)
     return np.einsum("f,fab,fb->a", weight, turns, lifted.view.up)
 
 
-def _upright_turns(camera: Cameras, keypoints: Keypoints2D, path: FilmedPath) -> np.ndarray:
-    """Return the path's rotations with the quarter turn of the image that makes the person upright.
-
-    Phones state the pose of their sensor, which is rotated in a portrait video.
-    """
-    lifted = lift_take(replace(camera, path=None), keypoints, load_body())
-    quarters = [np.linalg.matrix_power(QUARTER, turn) for turn in TURNS]
-    assert path.up is not None  # see fit_path
-    return path.R @ max(quarters, key=lambda turn: float(path.up @ _mean_up(lifted, path.R @ turn)))
-
-
 def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: float) -> tuple[float, float]:
-    """Return metres per unit of a camera path from planted feet, and the deviation.
+    """Estimate the metres per unit of a camera path from standing feet, and the relative standard deviation.
 
-    The scale is the minimum ``min_s Σ_f min_k ρ(|Δp_k + s Δc| / Δt)`` over the foot points k, with Geman and McClure's
-    ρ. A walking person always has a planted foot. For a static camera the scale is 1 with an infinite deviation.
+    The scale s minimises ``Σ_f min_k ρ(|Δp_k + s Δc| / Δt)`` over foot points p_k and camera positions c, with the
+    function ρ of Geman and McClure, because a walking person always has a standing foot. A static camera gets the scale
+    1 with an infinite deviation.
 
     Args:
         feet: (F, K, 3) foot points relative to the camera in world axes, metres, NaN where undetected.
-        centre: (F, 3) camera positions in the path's unit.
+        centre: (F, 3) camera positions in the unit of the path.
         sight: (F, 3) unit directions from the camera to the person.
     """
     gap = max(1, round(STEP_S * fps))
@@ -112,7 +100,6 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
     known, along = np.isfinite(moved).all(axis=-1), sight[gap:]
 
     def whitened(steps: np.ndarray, sight: np.ndarray) -> np.ndarray:
-        """Return steps as speeds, reduced by ``ALONG_SIGHT`` along the line of sight."""
         part = (steps * sight).sum(-1, keepdims=True) * sight
         return (steps - (1.0 - 1.0 / ALONG_SIGHT) * part) / seconds
 
@@ -126,7 +113,7 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
         square = squares(scale).min(axis=1)
         return float((1.0 - STANDS_M_S**2 / (STANDS_M_S**2 + square)).sum())
 
-    each = -ab / np.maximum(bb, 1e-18)[:, None]  # scales at which a foot stands
+    each = -ab / np.maximum(bb, 1e-18)[:, None]  # scale at which each foot stands in each frame
     each = each[known & (each > 0)]
     if not len(each):
         return 1.0, np.inf

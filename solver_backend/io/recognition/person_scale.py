@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -49,7 +48,7 @@ def bone_lengths(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Joi
     for a, b in SHARES:
         if a in names and b in names:
             apart = np.linalg.norm(points[:, names.index(a)] - points[:, names.index(b)], axis=-1)
-            if np.isfinite(apart).sum() >= 5:
+            if np.isfinite(apart).any():
                 found[a, b] = float(np.nanmedian(apart))
     return found
 
@@ -78,8 +77,16 @@ def scale_from_stature(
     measured = bone_lengths(points, joint_set)
     if len(measured) < 3:
         raise JobInvalid(f"{joint_set.value} has too few bones to estimate the scale.", hint="Set a known length.")
-    lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
-    heights, height_by_shape = _linear(partial(_stature, body))
+    names, landmarks = joint_set.keypoints, keypoint_landmarks(body, joint_set)
+    start, end = np.array([[names.index(a), names.index(b)] for a, b in measured]).T
+    posed = np.array([SHARES[pair] for pair in measured])
+
+    def bones(betas: np.ndarray) -> np.ndarray:
+        points = rest_keypoints(body, landmarks, betas)
+        return posed * np.linalg.norm(points[start] - points[end], axis=1)
+
+    lengths, by_shape = _linear(bones)
+    heights, height_by_shape = _linear(lambda betas: np.ptp((body.v_template + body.shapedirs[..., :10] @ betas)[:, 1]))
     apart = np.array(list(measured.values()))
     if not apart.max() > np.finfo(np.float32).resolution * max(1.0, float(np.nanmax(np.abs(points)))):
         raise JobInvalid("All keypoints of the person are at one point.", hint="Set a known length, or detect again.")
@@ -118,19 +125,6 @@ def scale_from_length(
     return length_m / float(np.nanmedian(apart))
 
 
-def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str], ...]) -> tuple[np.ndarray, np.ndarray]:
-    names = joint_set.keypoints
-    posed = np.array([SHARES[pair] for pair in pairs])
-    ends = np.array([[names.index(a), names.index(b)] for a, b in pairs])
-    landmarks = keypoint_landmarks(body, joint_set)
-
-    def of(betas: np.ndarray) -> np.ndarray:
-        points = rest_keypoints(body, landmarks, betas)
-        return posed * np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-
-    return _linear(of)
-
-
 def _linear(of: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the (N,) values of the mean body shape, and their (N, 10) derivative by the betas."""
     return of(np.zeros(10)), np.stack([(of(e) - of(-e)) / 2 for e in np.eye(10)], axis=-1)
@@ -142,10 +136,6 @@ def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float
     return pose_landmarks(
         body, landmarks, betas, still, np.tile(np.eye(3), (1, NUM_BODY_JOINTS, 1, 1)), np.zeros((1, 3))
     ).points[0]
-
-
-def _stature(body: Body, betas: np.ndarray) -> np.ndarray:
-    return np.asarray(np.ptp((body.v_template + body.shapedirs[..., :10] @ betas)[:, 1]))
 
 
 _UNITS = ("m", "cm", "mm", "inch")

@@ -25,10 +25,10 @@ from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSetting
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
-from solver_backend.io.recognition.gravity import Level, measure_level, middle_of, roll_gain
+from solver_backend.io.recognition.gravity import measure_level, middle_of, roll_gain
 from solver_backend.io.recognition.marker_up_axis import FLOOR_M, rotation_to_z_up
 from solver_backend.io.recognition.path_fit import fit_path
-from solver_backend.io.recognition.person_scale import LEG_SHARE, scale_from_stature
+from solver_backend.io.recognition.person_scale import LEG_SHARE, bone_lengths, scale_from_stature
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
@@ -68,47 +68,33 @@ class WorldCheck:
     @cached_property
     def stature_m(self) -> float:
         """Stature in metres, from the lengths of thighs and shanks."""
-        at = {name: self.points[:, k] for k, name in enumerate(self.joint_set.keypoints)}
-        legs = [[at[f"{s}_{a}"] - at[f"{s}_{b}"] for s in ("left", "right")] for a, b in _LEG]
-        return sum(float(quantile(np.linalg.norm(np.concatenate(leg), axis=-1), 0.5, 0)) for leg in legs) / LEG_SHARE
-
-    @cached_property
-    def _ends(self) -> np.ndarray:
-        """(2, F) heights of the lowest and the highest keypoint in frames with eight or more keypoints."""
-        z = self.points[np.isfinite(self.points[..., 2]).sum(axis=1) >= 8, :, 2]
-        return np.stack([np.nanmin(z, axis=1), np.nanmax(z, axis=1)])
-
-    @property
-    def height_m(self) -> float:
-        """95th percentile over frames of the height difference between the highest and the lowest keypoint."""
-        return float(quantile(self._ends[1] - self._ends[0], 0.95, axis=0))
-
-    @property
-    def lowest_m(self) -> float:
-        """5th percentile over frames of the lowest keypoint's height."""
-        return float(quantile(self._ends[0], 0.05, axis=0))
+        bones = bone_lengths(self.points, self.joint_set)
+        legs = [bones.get((f"{s}_{a}", f"{s}_{b}"), np.nan) for s in ("left", "right") for a, b in _LEG]
+        return 2.0 * float(np.nanmean(legs)) / LEG_SHARE if np.isfinite(legs).any() else np.nan
 
     @cached_property
     def upright(self) -> np.ndarray:
         """(3,) median direction from the ankles to the shoulders in world axes."""
         ankles, shoulders = (middle_of(self.points, self.joint_set.keypoints, part) for part in ("ankle", "shoulder"))
-        up = shoulders - ankles
-        return quantile(up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9), 0.5, axis=0)
+        return quantile(unit(shoulders - ankles), 0.5, axis=0)
 
     def found(self) -> tuple[Diagnostic, ...]:
         """Return a note with the measurements, and a diagnostic for each implausible measurement."""
         found, name = list[Diagnostic](), self.up_axis().upper()
-        figures: dict[str, Any] = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
+        heights = self.points[np.isfinite(self.points[..., 2]).sum(axis=1) >= 8, :, 2]  # nearly whole people
+        low, high = np.nanmin(heights, axis=1), np.nanmax(heights, axis=1)
+        lowest, span = float(quantile(low, 0.05, axis=0)), float(quantile(high - low, 0.95, axis=0))
         if np.isfinite(self.stature_m):
+            figures: dict[str, Any] = {"span": span, "lowest": lowest, "size": self.residual_px}
             found.append(diagnostic("person_triangulated", stature=self.stature_m, **figures))
         if np.isfinite(self.stature_m) and not POSSIBLE_M[0] < self.stature_m < POSSIBLE_M[1]:
             found.append(diagnostic("stature_unlikely", stature=self.stature_m))
         elif name != "Z":
             found.append(diagnostic("person_along_axis", axis=name))
-        elif self._is_possible and self.upright[2] > LEAST_UPRIGHT and abs(self.lowest_m) > FLOOR_M:
-            raised = 0 < self.lowest_m <= HIGHEST_STEP_M  # stairs, trampolines and stages are also above the floor
+        elif self._is_possible and self.upright[2] > LEAST_UPRIGHT and abs(lowest) > FLOOR_M:
+            raised = 0 < lowest <= HIGHEST_STEP_M  # stairs, trampolines and stages are also above the floor
             severity = Severity.NOTE if raised else Severity.WARNING
-            found.append(diagnostic("floor_off", severity=severity, lowest=self.lowest_m))
+            found.append(diagnostic("floor_off", severity=severity, lowest=lowest))
         if SIGMAS * np.sin(self.apart) < 1.0:  # errors along the views are many times the errors across them
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
         if self.residual_px > UNRELATED_NOISE * np.mean(self.person_px or 1.0):  # no single camera is then the cause
@@ -187,14 +173,12 @@ def scale_world(
     Raises:
         JobInvalid: both settings are given, the stature is impossible, or too little of the person is visible.
     """
-    by_stature = settings.stature and len(cameras) > 1  # a single camera does not determine the scale
-    if by_stature and settings.scale != 1.0:
+    if not settings.stature or len(cameras) == 1:  # a single camera does not determine the scale
+        if settings.scale == 1.0:
+            return cameras, ()
+        return cameras.scaled(settings.scale), (diagnostic("world_scaled", reason="scale", scale=settings.scale),)
+    if settings.scale != 1.0:
         raise JobInvalid("Both --stature and --scale set the scale of the world.", hint="Use only one of them.")
-    if not by_stature and settings.scale == 1.0:
-        return cameras, ()
-    if not by_stature:
-        note = diagnostic("world_scaled", reason="scale", scale=settings.scale)
-        return cameras.scaled(settings.scale), (note,)
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
     found = [diagnostic("world_scaled", reason="stature", scale=scale, percent=100 * share, stature=settings.stature)]
     calibrated = settings.stature / scale
@@ -218,8 +202,7 @@ def find_people(
         select: returns the people in front of the cameras, the main person first.
         to_plausible: factor of all lengths for the first selection (see ``in_persons_unit``).
     """
-    plausible = cameras.scaled(to_plausible) if to_plausible != 1.0 else cameras
-    people = select(plausible)
+    people = select(cameras.scaled(to_plausible))
     scaled, notes = scale_world(cameras, people[0].keypoints, settings)
     return scaled, select(scaled) if notes else people, notes
 
@@ -272,7 +255,12 @@ def _level(
             return cameras, world, ()
         raise
     if level.is_tilted or how != AUTO:
-        return *_moved(cameras, world, level.turn, level.floor_upright_m), (_levelled(level, how),)
+        tilt, sigma = np.degrees([level.tilt, level.sigma])
+        witnesses = "the person and the cameras" if level.gains[2] > 0 else "the person"
+        asked = {"reason": "asked", "severity": Severity.NOTE}
+        why: dict[str, Any] = {"reason": "shown", "witnesses": witnesses} if how == AUTO else asked
+        found = diagnostic("world_levelled", tilt=tilt, sigma=sigma, floor=level.floor_upright_m, **why)
+        return *_moved(cameras, world, level.turn, level.floor_upright_m), (found,)
     if level.is_above_feet:
         return *_moved(cameras, world, np.eye(3), level.floor_m), (diagnostic("floor_by_feet", depth=-level.floor_m),)
     return cameras, world, ()
@@ -280,23 +268,13 @@ def _level(
 
 def _least_rolled(R: np.ndarray, rolls: Sequence[int], up: np.ndarray) -> np.ndarray:
     """Return the rotations of the recorded or the calibrated images, whichever are more upright."""
-    if not any(rolls) or not np.isfinite(up).all():
-        return R
-    return max((R, unrolled(R, rolls)), key=lambda rotations: roll_gain(rotations, up))
+    both = (R, unrolled(R, rolls)) if any(rolls) and np.isfinite(up).all() else (R,)
+    return max(both, key=lambda rotations: roll_gain(rotations, up))
 
 
 def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:
     R = cameras.R @ turn.T
     return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world.moved(turn, floor_m)
-
-
-def _levelled(level: Level, how: str) -> Diagnostic:
-    tilt, sigma = np.degrees([level.tilt, level.sigma])
-    figures = {"tilt": tilt, "sigma": sigma, "floor": level.floor_upright_m}
-    if how != AUTO:
-        return diagnostic("world_levelled", reason="asked", severity=Severity.NOTE, **figures)
-    witnesses = "the person and the cameras" if level.gains[2] > 0 else "the person"
-    return diagnostic("world_levelled", reason="shown", witnesses=witnesses, **figures)
 
 
 def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> WorldFit:
@@ -341,8 +319,7 @@ def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0
     points = lifted.placed(body, landmarks, np.zeros(10))[0]
     up = up_by_floor(lifted, points, landmarks.names)
     forward = np.array([0.0, 0.0, 1.0]) if abs(up[2]) < 0.95 else np.array([0.0, -np.sign(up[2]), 0.0])
-    forward = forward - (forward @ up) * up
-    forward /= np.linalg.norm(forward)
+    forward = unit(forward - (forward @ up) * up)
     R = np.stack([np.cross(forward, up), forward, up], axis=1)  # Z up, the camera looks along Y
     lowest = lowest_feet(points @ R, landmarks.names, lifted.confidence > 0)
     size = stature_m / body.stature_m if stature_m else 1.0

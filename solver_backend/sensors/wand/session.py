@@ -52,7 +52,7 @@ from solver_backend.sensors.wand.views import (
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 from solver_backend.videos.sync.clocks import Clocks, SyncUnknown, at_times, clocks_of_signals, smoothed
-from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
+from solver_backend.videos.sync.synchronise import PIECE_S, REACH_S, ROLLING_SHUTTER, SPEED_RATE_HZ, in_step
 
 SIGMA_PX = 0.3  # Standard deviation in pixels of a detected light or marker. It sets the robust scales.
 STEPS, TOLERANCE = 60, 1e-6
@@ -271,8 +271,7 @@ def _held_out_errors(
     return px, np.sqrt(np.nanmean((distances(at) - options.wand.distances_m) ** 2, axis=0))
 
 
-RATE_HZ = 120.0  # Rate in Hz at which speeds are sampled for comparison.
-PIECE_S, FLOOR_S = 6.0, 0.004  # Length of compared pieces, and shift of a speed peak by perspective, in seconds.
+FLOOR_S = 0.004  # Shift of a speed peak by perspective, in seconds.
 CLIP_SIGMAS = 3.0  # Speeds are clipped at this many standard deviations. Chosen by hand.
 SMOOTHING_S = 0.06  # Standard deviation in seconds of the filter that smooths the wand's path.
 SLOWEST_M_S = 0.05  # Speed in m/s below which the wand is considered still.
@@ -324,22 +323,23 @@ def _speed(view: WandView, wand: Wand | None) -> Signal:
         middle = middle_from_lights(wand, flat)
     else:
         middle = np.concatenate([flat[:, 0] * view.depth_or_nan, view.depth_or_nan], axis=1)
-    count = int((view.times_s[-1] - view.times_s[0]) * RATE_HZ) + 1
-    wanted = view.times_s[0] + np.arange(count) / RATE_HZ
+    count = int((view.times_s[-1] - view.times_s[0]) * SPEED_RATE_HZ) + 1
+    wanted = view.times_s[0] + np.arange(count) / SPEED_RATE_HZ
     located = np.isfinite(middle).all(1)
-    place = smoothed(at_times(middle[located], view.times_s[located], wanted), SMOOTHING_S * RATE_HZ)
-    speed = np.linalg.norm(np.gradient(place, axis=0), axis=-1) * RATE_HZ
+    place = smoothed(at_times(middle[located], view.times_s[located], wanted), SMOOTHING_S * SPEED_RATE_HZ)
+    speed = np.linalg.norm(np.gradient(place, axis=0), axis=-1) * SPEED_RATE_HZ
     known = np.isfinite(speed)
     if known.sum() < 2:
-        return Signal(np.zeros((count, 1)), RATE_HZ, float(view.times_s[0]))
+        return Signal(np.zeros((count, 1)), SPEED_RATE_HZ, float(view.times_s[0]))
     loud = np.log(np.maximum(np.where(known, speed, SLOWEST_M_S), SLOWEST_M_S))
     loud = np.where(known, loud - loud[known].mean(), 0.0)
     spread = float(loud[known].std())
-    return Signal(np.clip(loud, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)[:, None], RATE_HZ, float(view.times_s[0]))
+    return Signal(
+        np.clip(loud, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)[:, None], SPEED_RATE_HZ, float(view.times_s[0])
+    )
 
 
 MOST_CROWDED = 0.5  # A recording is rejected if a larger fraction of its frames shows other lights. Chosen by hand.
-REACH_S = 6.5  # Largest clock offset tested, in seconds.
 LATE_FRAMES = 0.25  # Delay in frames above which moments are sampled again. Chosen by hand.
 
 

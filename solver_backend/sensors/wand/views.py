@@ -24,6 +24,7 @@ from solver_backend.sensors.chain import masks_of
 from solver_backend.sensors.devices.recorded import ABOUT, STUDIO_SHOT, SensorFolder, open_folder
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float, Int
+from solver_backend.videos.sync.clocks import EXACT_SHARE
 
 
 class WandNotSeen(MocapError):
@@ -216,7 +217,6 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
     return np.where(known[:, None], (size * z[:, 1])[:, None] * rays[:, 1], np.nan)
 
 
-EXACT_SHARE = 0.01  # If a time is closer to a frame than this fraction of the interval, the frame itself is used.
 LONGEST_GAP = 1.5  # Longest interval across which values are interpolated, in usual intervals.
 
 

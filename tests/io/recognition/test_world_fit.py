@@ -92,7 +92,7 @@ def test_a_tilted_world_is_levelled_and_reported(capture: Capture, degrees: floa
     tilt = exp_so3(np.radians(degrees) * np.array([np.cos(around), np.sin(around), 0.0]))
     fit = fit_world(turned(capture.cameras, tilt, -1.3), capture.keypoints)
     assert off_degrees(fit.cameras, capture.cameras) < 3.0
-    assert abs(fit.check.lowest_m) < 0.06
+    assert abs(fit.check.found()[0].values["lowest"]) < 0.06
     assert fit.found[-1].code == "world_levelled"
     assert "The world was levelled by a rotation of" in words(fit.found)[-1] and "--level off" in words(fit.found)[-1]
 
@@ -112,7 +112,8 @@ def test_a_level_that_was_asked_for_is_a_note(capture: Capture) -> None:
 @pytest.mark.slow
 def test_a_floor_above_the_feet_is_moved_and_a_stage_is_not(short: Capture) -> None:
     lower = fit_world(turned(short.cameras, np.eye(3), -0.9), short.keypoints)
-    assert abs(lower.check.lowest_m) < 0.06 and [item.code for item in lower.found] == ["floor_by_feet"]
+    assert abs(lower.check.found()[0].values["lowest"]) < 0.06
+    assert [item.code for item in lower.found] == ["floor_by_feet"]
     assert lower.found[0].values["depth"] == pytest.approx(0.9, abs=0.06)
     stage = turned(short.cameras, np.eye(3), 0.5)
     assert fit_world(stage, short.keypoints).cameras is stage
