@@ -14,8 +14,8 @@ from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.types import Cameras
 
 FACTORS = (1.0, 1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
-"""Possible ratios of recorded to calibrated image size: between 480, 540, 720, 1080, 1440 and 2160 lines."""
-TURNS = (0, 1, 2, 3)  # Number of clockwise rotations of the recorded images by 90 degrees.
+"""Possible ratios of the recorded to the calibrated image height: 480, 540, 720, 1080, 1440 or 2160 lines each."""
+TURNS = (0, 1, 2, 3)  # Possible numbers of clockwise 90° rotations from the calibrated to the recorded images.
 POSES = ("world to camera", "transposed", "camera to world", "places")
 """Possible meanings of the rotation R and vector t in a file: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as
 with MATLAB's row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
@@ -43,11 +43,11 @@ class CameraCorrection:
 
     @property
     def changes(self) -> int:
-        """Number of changes that the correction makes."""
+        """Number of fields that differ from the default correction."""
         return sum(a != b for a, b in zip(astuple(self), astuple(CameraCorrection()), strict=True))
 
     def meaning(self) -> str:
-        """Describe the changes for users. The text is empty if there are none."""
+        """Describe the correction for users, or return an empty text if it changes nothing."""
         parts = [f"the recorded images are {each}" for each in _window_words(self.window)]
         if self.factor != 1.0:
             parts.append(f"the recorded images are {self.factor:.3g} times as large as the calibrated ones")
@@ -77,7 +77,7 @@ def _window_words(window: Window) -> list[str]:
 
 
 def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
-    """Apply one correction per camera, and return the cameras."""
+    """Apply one calibration correction per camera, and return the corrected cameras."""
     for c, correction in enumerate(corrections):
         if correction.pose != POSES[0] or correction.graphics:
             cameras = _reposed(cameras, c, correction)
@@ -92,13 +92,16 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
 
 
 def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
-    """Return the (C, 3, 3) rotations that cameras had before their images were rotated by quarter turns."""
+    """Undo 90° image rotations in camera rotations R (C, 3, 3).
+
+    ``turns`` contains the number of clockwise quarter turns of each camera's images.
+    """
     once = [np.linalg.matrix_power(QUARTER.T, turn) for turn in turns]
     return np.stack(once) @ R
 
 
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
-    """Change one camera to another image size (width, height) of the same aspect ratio.
+    """Scale one camera's intrinsics to another image size (width, height) of the same aspect ratio.
 
     Pixel (0, 0) is a pixel centre, so ``u' + 0.5 = s (u + 0.5)`` px (as in OpenCV's ``resize``).
     """
@@ -111,9 +114,10 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
 
 
 def _reshaped(cameras: Cameras, c: int, window: Window) -> Cameras:
-    """Change one camera to another crop of its image: ``u' + 0.5 = s (u + 0.5) + o`` px.
+    """Adapt one camera to the part of its image that was recorded: ``u' + 0.5 = s (u + 0.5) + o`` px.
 
-    The crop does not say where the images end, so their right and bottom edges stay as they are.
+    ``s`` is the pixel aspect ratio and ``o`` is the offset. The window does not specify the right and bottom edges, so
+    these stay where they are.
     """
     scale, offset = np.array([window[0], 1.0]), cameras.image_size[c, 1] * np.array(window[1:])
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
@@ -133,7 +137,7 @@ def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:
 
 
 def _turned_once(cameras: Cameras, c: int) -> Cameras:
-    """Rotate the images and camera axes clockwise by 90°: ``u' = h - 1 - v``, ``v' = u`` px."""
+    """Rotate one camera's image and axes clockwise by 90°: ``u' = h - 1 - v``, ``v' = u`` px, with image height h."""
     K, sizes, R, t = cameras.K.copy(), cameras.image_size.copy(), cameras.R.copy(), cameras.t.copy()
     distortion, height = cameras.distortion.copy(), sizes[c, 1]
     (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # no lens has a skew today, which would leave the upper triangle
@@ -147,10 +151,10 @@ COMPARED = 16  # Largest number of cameras for which all pairs are compared, if 
 
 
 def compared_pairs(count: int, each: int = COMPARED, neighbours: int = 0) -> list[tuple[int, int]]:
-    """Choose pairs (i < j) of ``count`` cameras, in ascending order.
+    """Choose the camera pairs (i < j) to compare among ``count`` cameras, in ascending order.
 
     If there are more than ``each`` cameras, every camera is paired with the next ``neighbours`` (``each - 1`` if 0) in
-    a circle. This connects all cameras at a cost that is linear in their number.
+    a circle. This connects all cameras, and the number of pairs only grows linearly.
     """
     others = range(1, count if count <= each else (neighbours or each - 1) + 1)
     return sorted({(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c})

@@ -1,4 +1,4 @@
-"""Use a noise map to convert a detector's confidence to a standard deviation."""
+"""Convert a detector's confidence to a solver weight, using a measured noise map."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LARGEST_MM = 10_000.0  # Largest standard deviation of a detection at the person
 
 @dataclass(frozen=True)
 class NoiseMap:
-    """A detector's standard deviation as a function of its confidence, in B steps."""
+    """A detector's standard deviation, measured at B steps of its confidence."""
 
     detector: str
     confidence: np.ndarray
@@ -39,7 +39,7 @@ class NoiseMap:
     """Number of keypoints that were measured."""
 
     def weight(self, confidence: np.ndarray) -> np.ndarray:
-        """Return the weight of detections that have the given confidence. A confidence of 0 has weight 0.
+        """Return the solver weights of detections with the given confidences. A confidence of 0 has weight 0.
 
         ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)`` is the inverse variance, where s is the calibration error and σ is the
         detector's deviation. A detection with the map's median deviation σ_m gets the usual weight w₀. Better
@@ -50,19 +50,19 @@ class NoiseMap:
         return np.where(confidence > 0, np.clip(USUAL_CONFIDENCE * usual / variance, *WEIGHTS), 0.0)
 
     def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, Diagnostic]:
-        """Replace the confidences of keypoints by their weights. Also return a note about it."""
+        """Replace keypoint confidences by solver weights. Also return a diagnostic that names the noise map."""
         note = diagnostic("noise_map_applied", measured=self.detector, keypoints=self.detections, detector=detector)
         return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
 
     def as_dict(self) -> dict[str, object]:
-        """Return the noise map as plain values."""
+        """Return the noise map as JSON values."""
         values: dict[str, object] = {"format": FORMAT, "version": 1, "detector": self.detector}
         values |= {"confidence": np.round(self.confidence, 5).tolist(), "sigma_mm": np.round(self.sigma_mm, 3).tolist()}
         return {**values, "captures": list(self.captures), "detections": self.detections}
 
 
 def read_noise_map(path: Path | str) -> NoiseMap:
-    """Read a noise map from a file."""
+    """Read a detector's noise map from a JSON file. Raise ``FileDamaged`` if its values are invalid."""
     values = read_json_file(path)
     try:
         if not isinstance(values, dict) or values.get("format") != FORMAT:

@@ -34,23 +34,20 @@ _RADII = np.tan(np.linspace(0.0, 1.56, 768))
 
 @lru_cache(maxsize=64)
 def cameras_by_model(models: Models) -> tuple[tuple[LensModel, tuple[int, ...]], ...]:
-    """Return each lens model and the cameras that use it, or raise ``CalibrationInvalid``."""
+    """Group camera indices by lens model. Raise ``CalibrationInvalid`` if a model is unknown."""
     require_models(models)
     names = dict.fromkeys(models or (DEFAULT_MODEL,))
     return tuple((LENS_MODELS[name], tuple(c for c, other in enumerate(models) if other == name)) for name in names)
 
 
 def is_distorted(distortion: Distortion, models: Models) -> bool:
-    """Return whether any camera in an array is not a pinhole camera."""
+    """Return whether any camera deviates from the pinhole model."""
     straight = all(model.is_straight for model, _ in cameras_by_model(models))
     return not straight or bool(array_namespace(distortion).any(distortion != 0))
 
 
 def _by_model(models: Models, compute: Callable[..., Any], *arrays: Array) -> Any:
-    """Call a function of (model, *arrays) once per model, and combine the results.
-
-    The function returns an array or nested tuples of arrays, whose first axis is the cameras.
-    """
+    """Call ``compute(model, *arrays)`` once per lens model, and merge the results in camera order."""
     groups = cameras_by_model(models)
     if len(groups) == 1:
         return compute(groups[0][0], *arrays)
@@ -80,7 +77,7 @@ def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoi
 def distorted(
     x: Coordinate, y: Coordinate, distortion: Distortion, models: Models
 ) -> tuple[Coordinate, Coordinate, tuple[Coordinate, Coordinate, Coordinate]]:
-    """Distort (C, ...) coordinates given as x and y. Also return the entries of the symmetric Jacobian."""
+    """Distort coordinates x and y (C, ...). Also return the entries xx, xy and yy of the symmetric Jacobian."""
 
     def of_model(model: LensModel, x: Array, y: Array, distortion: Array) -> tuple[Array, Array, tuple[Array, ...]]:
         return model.distort(x, y, _coefficients(distortion, x), array_namespace(x))
@@ -89,10 +86,11 @@ def distorted(
 
 
 def largest_radius(distortion: Distortion, models: Models) -> Float[Array, " cameras"]:
-    """Return the radius sqrt(x² + y²) up to which the radial part increases, so that it is invertible.
+    """Return the largest radius sqrt(x² + y²) at which each lens's radial distortion is invertible.
 
-    Beyond that radius, the polynomial decreases, and distant points would seem to be inside the image. The radius is
-    searched on a grid of angles and refined by interpolation. It is infinite if the distortion increases up to 89.4°.
+    Beyond this radius, the distortion polynomial decreases, and distant points would be projected into the image. The
+    radius is searched on a grid of angles and refined by interpolation. It is infinite if the distortion increases up
+    to 89.4°.
     """
     if isinstance(distortion, np.ndarray):  # every projection asks about the same few lenses
         return _known_radius(distortion.tobytes(), distortion.dtype.str, models)
@@ -101,7 +99,7 @@ def largest_radius(distortion: Distortion, models: Models) -> Float[Array, " cam
 
 @lru_cache(maxsize=64)
 def _known_radius(distortion: bytes, dtype: str, models: Models) -> np.ndarray:
-    """Return the radii for lenses whose coefficients are given as bytes. The array is read-only."""
+    """Cache ``largest_radius`` for distortion coefficients given as bytes. The array is read-only."""
     radius = np.asarray(_by_model(models, _largest_radius, np.frombuffer(distortion, dtype).reshape(-1, 8)))
     radius.flags.writeable = False
     return radius
@@ -124,7 +122,7 @@ def _largest_radius(model: LensModel, distortion: Array) -> Array:
 
 
 def undistort_normalised(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
-    """Return the (C, ..., 2) coordinates that ``distort`` maps to ``xy``, computed by Newton's method.
+    """Invert ``distort``: return undistorted normalised coordinates (C, ..., 2).
 
     They are NaN if ``distort`` maps no point within ``largest_radius`` to ``xy``.
     """
@@ -171,7 +169,7 @@ def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Arra
 
 
 def _pulled_inside(x: Array, y: Array, limit: Array) -> tuple[Array, Array]:
-    """Move points along their radius so that it is at most 99.9 % of the limit."""
+    """Move points beyond the radius limit towards the centre, to 99.9 % of the limit."""
     xp = array_namespace(x)
     radius = xp.sqrt(x * x + y * y)
     outside = radius > limit
@@ -182,7 +180,7 @@ def _pulled_inside(x: Array, y: Array, limit: Array) -> tuple[Array, Array]:
 
 
 def _coefficients(distortion: Array, like: Array) -> list[Array]:
-    """Return eight arrays (C, 1, ..., 1), which can be broadcast to ``like`` (C, ...)."""
+    """Split distortion (C, 8) into eight arrays (C, 1, ..., 1) that broadcast to ``like`` (C, ...)."""
     return [_per_camera(distortion[:, i], like) for i in range(8)]
 
 
@@ -197,7 +195,7 @@ NEAR_M = 0.01  # Depth in metres below which points are not projected.
 
 @dataclass(frozen=True)
 class CameraArrays:
-    """C cameras as arrays of the caller's type, which are not validated."""
+    """C cameras as arrays of the caller's array library. The values are not validated."""
 
     K: Array
     """(C, 3, 3) intrinsic matrices in px."""
@@ -221,13 +219,13 @@ class CameraArrays:
         return cls(K, distortion, R, t, cameras.models, float(cameras.image_size[:, 0].mean()), path)
 
     def astype(self, precision: Any) -> CameraArrays:
-        """Convert the arrays to the given precision, but at least to single (0.0001 px)."""
+        """Convert the arrays to the given floating-point precision."""
         K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
         path = self.path and CameraPath(astype(self.path.R, precision), astype(self.path.t, precision))
         return replace(self, K=K, distortion=distortion, R=R, t=t, path=path)
 
     def at(self, frames: Any) -> CameraArrays:
-        """Return the cameras in the frames that an index array or a slice selects."""
+        """Select frames of a moving camera's path by a slice or an index array."""
         return self if self.path is None else replace(self, path=self.path.at(frames))
 
 
@@ -252,7 +250,7 @@ def project(cameras: AnyCameras, points: Points) -> ImagePoints:
 def project_with_jacobian(
     cameras: AnyCameras, points: Points
 ) -> tuple[ImagePoints, Float[Array, "cameras *batch 2 3"], Coordinate]:
-    """Return the pixels, their derivatives (C, ..., 2, 3) in px/m, and the depths in m."""
+    """Return the pixels of world points, their derivatives (C, ..., 2, 3) in px/m, and the depths (C, ...) in m."""
     K = cameras.K
     xp = array_namespace(K, points)
     x, y, z, valid = _normalised(cameras, points)
@@ -289,7 +287,7 @@ def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
 
 
 def _normalised(cameras: AnyCameras, points: Array) -> tuple[Array, Array, Array, Array]:
-    """Return x/z and y/z (zero where invalid), the depth and the validity, each of shape (C, N)."""
+    """Transform points to camera axes. Return x/z and y/z (0 where invalid), depth and validity, all (C, N)."""
     xp = array_namespace(cameras.R, points)
     if cameras.path is not None:
         at = xp.reshape(points, (len(cameras.path), -1, 3))
@@ -305,7 +303,7 @@ def _normalised(cameras: AnyCameras, points: Array) -> tuple[Array, Array, Array
 
 
 def _to_pixels(K: Array, x: Array, y: Array, valid: Array) -> Array:
-    """Return ``K (x, y, 1)`` as (C, N, 2), NaN where invalid. K is (C, 3, 3), and all others are (C, N)."""
+    """Convert normalised x and y (C, N) to pixels (C, N, 2), NaN where ``valid`` is false."""
     xp = array_namespace(K, x)
     u, v = K[:, 0, 0, None] * x + K[:, 0, 1, None] * y + K[:, 0, 2, None], K[:, 1, 1, None] * y + K[:, 1, 2, None]
     px = xp.stack((u, v), axis=-1)

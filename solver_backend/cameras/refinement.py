@@ -17,13 +17,13 @@ from solver_backend.types.shapes import Float
 
 FRAMES = 60  # Maximum number of frames from which cameras are corrected, spread over the take.
 _LEAST_EIGENVALUE = 1e-12
-"""Smallest ratio to the largest eigenvalue at which a direction of a camera is determined. Chosen by hand."""
+"""Smallest usable eigenvalue of a camera's normal matrix, relative to the largest eigenvalue. Chosen by hand."""
 
 
 def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, rounds: int = 6) -> Cameras:
-    """Return cameras whose poses fit one person's detections better (bundle adjustment).
+    """Refine camera poses to fit one person's detections (bundle adjustment).
 
-    The world frame is only preserved as far as the given poses are consistent.
+    The world frame can drift, because only the given poses define it.
 
     Args:
         cameras: C cameras.
@@ -47,7 +47,8 @@ def resected(
 ) -> Cameras:
     """Fit camera poses to known points by Gauss-Newton steps on ``Σ c ρ(r / scale)``.
 
-    A camera moves by ``x_cam ← exp(ω) x_cam + τ``, so ``dx_cam = -[x_cam]x ω + τ``.
+    c is the confidence, r is the reprojection error, and ρ is the Geman-McClure penalty. A step rotates a camera by ω
+    and shifts it by τ: ``x_cam ← exp(ω) x_cam + τ``, so ``dx_cam = -[x_cam]x ω + τ``.
 
     Args:
         cameras: C cameras near the solution.
@@ -80,7 +81,7 @@ def resected(
 
 
 def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the (C, 6, 1) steps. If a pose is not fully determined, this is the shortest step."""
+    """Solve the normal equations (C, 6, 6). Return the shortest step if a pose is not fully determined."""
     try:
         return np.linalg.solve(normal, right)
     except np.linalg.LinAlgError:
@@ -101,9 +102,9 @@ class RefinedCalibration:
     cameras: Cameras
     """The C corrected cameras, in the original world."""
     before_px: np.ndarray
-    """(C,) median distance from a view's detections to the triangulated points before the correction."""
+    """(C,) median reprojection error of each view in px before the correction."""
     after_px: np.ndarray
-    """(C,) the same distance for the corrected cameras."""
+    """(C,) median reprojection error of each view in px after the correction."""
     moved_mm: np.ndarray
     """(C,) distance in mm by which each camera was moved."""
     turned_degrees: np.ndarray
@@ -111,12 +112,12 @@ class RefinedCalibration:
 
     @property
     def is_better(self) -> bool:
-        """True if the median over the views is now smaller."""
+        """True if the median reprojection error over the views decreased."""
         return bool(np.nanmedian(self.after_px) < np.nanmedian(self.before_px))
 
 
 def refine_calibration(capture: Capture) -> RefinedCalibration:
-    """Return camera poses that fit the detections of all people better.
+    """Refine camera poses to fit the detections of all people.
 
     Every second frame is used for the fit, and the remaining frames measure the improvement. Because detections have no
     scale, a similarity transform aligns the triangulated points with those of the given calibration.
@@ -149,7 +150,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
 def _with_hands(
     handed: list[Keypoints2D], xy: np.ndarray, confidence: np.ndarray, frames: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (C, n, K, 2) and confidences (C, n, K) of bodies, followed by those of hands."""
+    """Append hand points to body points (C, F, K, 2) and confidences (C, F, K)."""
     for hands in (one.hands[:, frames] for one in handed if one.hands is not None):
         flat = hands.reshape(*hands.shape[:2], -1, 3)
         xy = np.concatenate([xy, flat[..., :2]], axis=2)
@@ -173,7 +174,7 @@ def view_distances(
     xy: Float[np.ndarray, "views frames keypoints 2"],
     confidence: Float[np.ndarray, "views frames keypoints"],
 ) -> Float[np.ndarray, " views"]:
-    """Return the (C,) median distance in px from detections to triangulated points, NaN if there are no people."""
+    """Return each view's median reprojection error (C,) in px, or NaN if it shows no person."""
     points = triangulate(cameras, xy, confidence).points
     px = project(cameras, points)
     off = np.where(confidence > 0, np.linalg.norm(px - xy, axis=-1), np.nan).reshape(len(cameras), -1)
@@ -183,7 +184,7 @@ def view_distances(
 def rotated_back(
     camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, "*turns 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return the pixels (..., 2) that points had before the camera was rotated by ``exp(rotation)``.
+    """Undo the camera rotation ``exp(rotation)`` in pixels (..., 2).
 
     Args:
         camera: a single camera before the rotation.

@@ -1,4 +1,4 @@
-"""Triangulate keypoints robustly: points, covariances, agreeing views, and predicted views."""
+"""Triangulate keypoints robustly, and predict each view from the others."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from solver_backend.geometry.small_matrices import (
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
-MOST_VIEWS = 6  # Subsets are formed from this many views, those in which a point is most confident.
+MOST_VIEWS = 6  # Maximum number of views from which subsets are formed. The most confident views are used.
 _SMALLEST_DETERMINANT = 1e-5  # ``2 sin²`` of the smallest angle between two rays (0.13°) at which they locate a point.
 _NEAREST_M = 1e-12  # Depth above which a point is in front of a camera. Its inverse must not overflow.
 
 
 @dataclass(frozen=True)
 class UndistortedViews:
-    """N points in C views without distortion."""
+    """N points detected in C views, without lens distortion."""
 
     normalised: Array  # (C, N, 2) undistorted x/z and y/z; zero where unusable.
     weight: Array  # (C, N) confidence, zero where unusable.
@@ -40,10 +40,10 @@ class UndistortedViews:
 
     @cached_property
     def candidates(self) -> list[tuple[Array, Array, Array, Array]]:
-        """Triangulate subsets of the views. Return (3, N) points and a mask of those that exist.
+        """Points triangulated from each of several subsets of the views: points (3, N) and a mask (N,) of valid points.
 
-        For each subset, also return the (C, N) squared residuals in px² in every view, and a (C, N) mask of points in
-        front of the cameras.
+        For each subset, they are followed by the squared reprojection errors (C, N) in px² in all views, and by a mask
+        (C, N) of points in front of the cameras.
         """
         xp = array_namespace(self.weight)
         equations = _ray_equations(self)
@@ -61,11 +61,11 @@ class UndistortedViews:
 
 
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
-    """For each point, return the linear triangulation that agrees best with the views, (N, 3), or NaN.
+    """Return each point's linear triangulation (N, 3) that agrees best with the views, or NaN.
 
     The candidates use all usable views, all but one, and every pair among the ``MOST_VIEWS`` most confident views. The
     criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views, where r is the residual in pixels (Geman and
-    McClure 1987). Two views of low confidence outvote a confident one. Confidence breaks ties in number.
+    McClure 1987). Two views of low confidence therefore outvote a single confident view.
 
     Args:
         views: C views of N points.
@@ -83,9 +83,11 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
 
 
 def _ray_equations(views: UndistortedViews) -> Array:
-    """Return (9, C, N) values: six entries of ``Q = w (I - d dᵀ)`` and three of ``Q o`` for each ray ``o + s d``.
+    """Return the normal equations (9, C, N) of all rays ``o + s d``.
 
-    ``Σ Q x = Σ Q o`` gives the point with the least squared distance from the rays (midpoint, Hartley and Sturm 1997).
+    They are six entries of ``Q = w (I - d dᵀ)`` and three of ``Q o``, where w is 1 for usable detections and 0
+    otherwise. ``Σ Q x = Σ Q o`` gives the point x with the least squared distance from the rays (midpoint, Hartley and
+    Sturm 1997).
     """
     xp = array_namespace(views.weight)
     w = xp.where(views.weight > 0, xp.ones_like(views.weight), xp.zeros_like(views.weight))
@@ -126,17 +128,17 @@ def _squared_residuals(views: UndistortedViews, point: Array) -> tuple[Array, Ar
 
 
 INLIER_SIGMAS = 3.5  # Number of standard deviations beyond which a view is rejected (0.2 % of good detections).
-ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure weights.
+ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure weights, in standard deviations.
 ROBUST_STEPS, FINAL_STEPS = 6, 3
 _LONGEST_STEP_M = 0.5
 _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
-"""Largest movement in metres at which a point has converged, before agreeing views are chosen and at the end."""
+"""Movement in metres below which a point has converged: before the inliers are selected, and in the final steps."""
 
 
 def fit_points(
     arrays: CameraArrays, px: Array, weight: Array, spread: Array, views: UndistortedViews | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return the points (N, 3), the agreeing views (C, N) and the distances of all detections in px.
+    """Triangulate points robustly. Return points (N, 3), inliers (C, N) and errors (C, N) in px.
 
     Args:
         arrays: C cameras.
@@ -157,7 +159,7 @@ def fit_points(
 
 
 def undistorted_views(arrays: CameraArrays, px: Array, weight: Array) -> UndistortedViews:
-    """Prepare (C, N, 2) detections for linear triangulation."""
+    """Undistort (C, N, 2) detections for linear triangulation."""
     xp = array_namespace(px)
     normalised = undistort(arrays, px)
     usable = (weight > 0) & all_coordinates(xp.isfinite(normalised))
@@ -202,7 +204,7 @@ def _bounded(step: Array) -> Array:
 
 
 def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
-    """Return the errors (C, N, 2), the Jacobians (C, N, 2, 3) and a (C, N) mask of detections that count."""
+    """Return reprojection errors (C, N, 2), Jacobians (C, N, 2, 3) and a mask (C, N) of usable detections."""
     xp = array_namespace(px)
     projected, J, _ = project_with_jacobian(arrays, points)
     seen = (weight > 0) & xp.isfinite(projected[..., 0])
@@ -223,7 +225,7 @@ def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
 
 
 def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
-    """Return the inliers (C, N) and the distances (C, N) of all detections in px, NaN where there are none."""
+    """Return the inliers (C, N) and the reprojection errors (C, N) in px, NaN without a detection."""
     xp = array_namespace(px)
     error, _, seen = _errors(arrays, px, weight, points)
     distance = xp.sqrt(squared_length(error))
@@ -231,7 +233,7 @@ def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spr
 
 
 def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Array) -> Array:
-    """Return the (N, 3, 3) covariance of the estimator in m², NaN if fewer than two views have weight.
+    """Return the covariance (N, 3, 3) of triangulated points in m², or NaN for fewer than two views.
 
     The covariance is ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (sandwich estimator, Huber 1967).
     """
@@ -250,8 +252,8 @@ START_SHARE = 0.001
 """Initial noise relative to the image width. It is small, so that outliers are never attributed to noise."""
 SMALLEST_SIGMA_PX = 0.1
 NOISE_ROUNDS = 8
-"""Number of rounds. If the initial value is too small, it grows by a factor of about 1.8 per round, because inliers
-then fill the allowed range.
+"""Maximum number of estimation rounds. If the initial noise is too small, it grows by a factor of about 1.8 per round,
+because inliers then fill the allowed range.
 """
 _SETTLED_SHARE = 0.05  # Relative change of the noise below which the estimate is final.
 _ENOUGH_SHARE = 0.2  # If this fraction of the points has three agreeing views, all other points are ignored.
@@ -259,7 +261,7 @@ _SAMPLES = 5_000, 20_000  # Number of observations from which the noise is estim
 
 
 def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
-    """Flatten (F, K) to N = F K points. Return px (C, N, 2), weights (C, N) and noise (N,)."""
+    """Flatten F frames of K keypoints to N = F K points. Return px (C, N, 2), weights (C, N), noise (N,)."""
     xp = array_namespace(xy)
     shape = (int(xy.shape[0]), int(xy.shape[1] * xy.shape[2]))
     px, weight = xp.reshape(xy, (*shape, 2)), xp.reshape(confidence, shape)
@@ -269,7 +271,7 @@ def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array
 
 
 def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
-    """Estimate the (K,) standard deviations from the distances of inliers in a sample of frames."""
+    """Estimate each keypoint's standard deviation (K,) in px per axis from the inliers in a sample of frames."""
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     sigma = constant([START_SHARE * arrays.width] * keypoints, xy)
     samples: dict[int, tuple[Array, Array, UndistortedViews]] = {}
@@ -283,7 +285,7 @@ def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
 
 
 def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedViews, sigma: Array) -> Array:
-    """Return the (K,) standard deviations of (C, N) observations, estimated repeatedly until they settle."""
+    """Estimate the detection noise (K,) of observations (C, N) repeatedly until it settles."""
     xp, keypoints = array_namespace(px), int(sigma.shape[0])
     for _ in range(NOISE_ROUNDS):
         before = sigma
@@ -295,7 +297,7 @@ def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedV
 
 
 def _spread_of(distance: Array, inliers: Array, otherwise: Array) -> Array:
-    """Return the (K,) standard deviations, computed from sums of squares over N = F K points.
+    """Estimate the detection noise (K,) from the reprojection errors (C, N) of N = F K points.
 
     A point in V views has 2 V coordinates and 3 unknowns. ``Σ r²/σ²`` therefore follows a χ² distribution with ``n = 2V
     - 3`` degrees of freedom, whose median is ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Only points in three or
@@ -404,7 +406,7 @@ def triangulate(
 def _triangulate_frames(
     arrays: CameraArrays, xy: Array, confidence: Array, sigma: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the points, covariances, inliers and residuals for (C, F, K) detections."""
+    """Triangulate (C, F, K) detections. Return points, covariances, inliers and residuals."""
     xp = array_namespace(xy)
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     px, weight, spread = flat_views(xy, confidence, sigma)
@@ -460,7 +462,8 @@ def predict_views(
 
     With ``A_b = J_bᵀ J_b / σ²`` and the residual ``r_b`` of view b at the point X, view c is predicted at ``π_c(X) +
     J_c δ`` with ``δ = (Σ_{b≠c} A_b + I/τ²)⁻¹ Σ_{b≠c} J_bᵀ r_b / σ²`` and covariance ``σ² I + J_c (Σ_{b≠c} A_b + I/τ²)⁻¹
-    J_cᵀ``. The sums only include agreeing views, unless there are fewer than two.
+    J_cᵀ``. J is the Jacobian of the projection π, σ is the detection noise, and τ is ``DEPTH_SIGMA_M``. The sums only
+    include agreeing views, unless there are fewer than two.
 
     Args:
         cameras: C cameras.
@@ -492,7 +495,7 @@ def _predicted(
     inliers: np.ndarray,
     sigma_px: np.ndarray,
 ) -> Predictions:
-    """Return the predictions, linearised around (F, K, 3) points."""
+    """Predict every view from the others, linearised around the points ``start`` (F, K, 3)."""
     usable = (confidence > 0) & np.isfinite(xy).all(-1)
     px, J, _ = project_with_jacobian(arrays, start)
     usable &= np.isfinite(px[..., 0])
@@ -516,14 +519,14 @@ def _predicted(
 
 
 def _of_others(information: np.ndarray, gradient: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each view, return the sums over all other views that count."""
+    """Return, for each view, the sums over all other views in the mask ``counted``."""
     information = np.where(counted[..., None, None], information, 0.0)
     gradient = np.where(counted[..., None], gradient, 0.0)
     return information.sum(axis=0) - information, gradient.sum(axis=0) - gradient
 
 
 def _everywhere(points: np.ndarray) -> np.ndarray:
-    """Fill gaps in (F, K, 3) points by interpolation over time. Points that are never known get the take's centre."""
+    """Interpolate gaps in points (F, K, 3) over time. A keypoint without points gets the median of all points."""
     known = np.isfinite(points).all(-1)
     filled = points.copy()
     frames = np.arange(len(points))
