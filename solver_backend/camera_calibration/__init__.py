@@ -1,1 +1,1 @@
-"""Calibrate cameras with boards, people or points. Solves do not import this package."""
+"""Calibrate cameras from a calibration board, a person or clicked points. A solve does not import this package."""

@@ -1,4 +1,4 @@
-"""Check a calibration against a take: measure errors by camera, image region and time."""
+"""Check a calibration against a take. Errors are measured per camera, image region and part of the take."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 STAGE = "Checking the calibration"
 FRAMES = 240  # Maximum number of frames used.
 WINDOWS = 6  # Number of parts into which the take is divided for epipolar errors.
-WORSE = 1.4  # A calibration is considered wrong if refining the cameras reduces the error by this factor.
+WORSE = 1.4  # Factor by which refined cameras reduce the error of a wrong calibration.
 SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 """Limits above which to warn: log scale, tilt (in degrees and in sigmas), and error growth. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class CalibrationCheck(CameraFits):
-    """Result of the check, in px. ``best_px`` is the error after the poses have been fitted."""
+    """Errors of a calibration on a take, in px. ``best_px`` is the error after the poses were fitted."""
 
     all_px: float  # Median reprojection error over all cameras.
     refined_px: float  # Median reprojection error after the poses have been adjusted.
@@ -40,7 +40,7 @@ class CalibrationCheck(CameraFits):
 
     @property
     def worst_regions(self) -> list[tuple[str, float]]:
-        """Name and error of the worst image region for each camera."""
+        """Name and error (px) of each camera's worst image region."""
         found = []
         for grid in self.region_px:
             row, column = np.unravel_index(int(np.argmax(np.nan_to_num(grid, nan=-1.0))), grid.shape)
@@ -48,7 +48,7 @@ class CalibrationCheck(CameraFits):
         return found
 
     def as_dict(self) -> dict[str, object]:
-        """Return the result as JSON values."""
+        """Return the check as JSON values."""
         lists = {"camera_px": _numbers(self.camera_px), "refined_camera_px": _numbers(self.best_px)}
         grids = {key: [_numbers(row) for row in getattr(self, key)] for key in ("region_px", "epipolar_px")}
         one = {"median_px": round(self.all_px, 3), "refined_px": round(self.refined_px, 3)}
@@ -63,7 +63,7 @@ def _numbers(values: np.ndarray) -> list[float | None]:
 
 
 def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progress = silent) -> CalibrationCheck:
-    """Check a calibration against one person's keypoints."""
+    """Check a calibration against the keypoints of one person."""
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, min(FRAMES, keypoints.num_frames)).astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
     points = triangulate(cameras, xy, confidence).points
@@ -105,7 +105,7 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
 
 
 def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return the (C, 3, 3) median error in each ninth of the image, NaN for fewer than 30 points."""
+    """Return the median error (C, 3, 3) in each ninth of the image, NaN for fewer than 30 points."""
     grid = np.full((len(cameras), 3, 3), np.nan)
     for c, size in enumerate(cameras.image_size):
         good = np.isfinite(error[c])
@@ -118,7 +118,7 @@ def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarra
 
 
 def _epipolar(cameras: Cameras, xy: np.ndarray, progress: Progress) -> np.ndarray:
-    """Return the (C, windows) median distance from the epipolar lines that the other cameras define."""
+    """Return each camera's median distance (C, ``WINDOWS``) in px from the epipolar lines of other cameras."""
     n = undistort(cameras, xy)
     windows = np.array_split(np.arange(xy.shape[1]), min(WINDOWS, xy.shape[1]))
     values = {(c, w): [np.array([])] for c in range(len(cameras)) for w in range(len(windows))}

@@ -1,4 +1,4 @@
-"""Write boards, and write calibrations in other programs' formats."""
+"""Write boards as TOML, and calibrations in the formats of other programs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from solver_backend.types import Cameras
 
 
 def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: float = 1.0, tool: str = "") -> str:
-    """Return a calibration in the format shared by Pose2Sim, anipose and this product.
+    """Format cameras as TOML for Pose2Sim, anipose and this product.
 
     Args:
         scale: length units per metre: 1 for Pose2Sim, 1000 for FreeMoCap.
@@ -36,7 +36,7 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
 
 
 def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
-    """Return the contents of caliscope's ``camera_array.toml``. Cameras are numbered in order."""
+    """Format cameras as caliscope's ``camera_array.toml``. Cameras are numbered in order."""
     parts = []
     for c, model in enumerate(cameras.models):
         values = {"cam_id": c, "rotation_count": 0, "error": float(f"{rmse_px or 0.0:.6g}"), "ignore": False}
@@ -47,7 +47,7 @@ def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
 
 
 def board_toml(board: Board) -> str:
-    """Return the board as TOML text that ``board_named`` can read."""
+    """Format a board as TOML that ``board_named`` can read."""
     values: dict[str, Any] = {"kind": board.kind, "columns": board.columns, "rows": board.rows}
     values["square_mm"] = float(f"{board.square_m * 1000:.6g}")
     if board.kind == "charuco":
@@ -77,7 +77,7 @@ def _lens_values(cameras: Cameras, c: int) -> dict[str, Any]:
 
 
 def coefficients(cameras: Cameras, index: int) -> np.ndarray:
-    """Return as many coefficients as the lens needs: 4 for a fisheye lens, otherwise 5 or 8."""
+    """Return the distortion coefficients that a lens file lists: 4 for a fisheye lens, otherwise 5 or 8."""
     return LENS_MODELS[cameras.models[index]].listed(cameras.distortion[index])
 
 
@@ -85,11 +85,11 @@ def _model(name: str) -> dict[str, Any]:
     return {} if name in ("opencv", "fisheye") else {"distortion_model": name}
 
 
-LEAST_TERMS = 4  # Minimum number of terms in written COLMAP models. Simpler models lack fy or tangential terms.
+LEAST_TERMS = 4  # Minimum number of distortion terms in a written COLMAP model. Simpler ones lack tangential terms.
 
 
 def colmap_texts(cameras: Cameras) -> dict[str, str]:
-    """Return the contents of COLMAP's three files by name, in metres and without points.
+    """Format cameras as COLMAP's three text files, in metres and without points.
 
     In COLMAP, the centre of the first pixel is (0.5, 0.5), so its principal points differ by half a pixel. Lens models
     are OPENCV (k1 k2 p1 p2), FULL_OPENCV (k1 k2 p1 p2 k3 k4 k5 k6) and OPENCV_FISHEYE.
@@ -112,7 +112,7 @@ def colmap_texts(cameras: Cameras) -> dict[str, str]:
 
 
 def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
-    """Return COLMAP's name for a lens model with two focal lengths, and its coefficients."""
+    """Return the name and the coefficients of a COLMAP lens model that has two focal lengths."""
     for name, focals, places in LENS_MODELS[model].colmap:
         if focals == 2 and len(places) >= LEAST_TERMS and not np.delete(terms, places).any():
             return name, terms[list(places)]
@@ -121,7 +121,7 @@ def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
 
 
 def opencv_yaml(cameras: Cameras) -> str:
-    """Return a single OpenCV file for all cameras, with lengths in metres."""
+    """Format all cameras as a single OpenCV YAML file, with lengths in metres."""
     lines = ["%YAML:1.0", "---"]
     for c, name in enumerate(cameras.names):
         key = re.sub(r"[^A-Za-z0-9_]", "_", name)
@@ -151,7 +151,7 @@ _INTRINSIC = (
 
 
 def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
-    """Return Qualisys' XML in mm and 1/64 px. Camera axes point right, up and backward.
+    """Format cameras as Qualisys' XML in mm and 1/64 px. Camera axes point right, up and backward.
 
     Raises:
         CalibrationInvalid: a lens uses more coefficients than k1 k2 p1 p2 k3, or is a fisheye lens.
@@ -198,7 +198,7 @@ FORMATS = (*_TEXTS, "colmap")  # Lengths are in metres, but in mm for FreeMoCap 
 
 
 def format_of(path: Path) -> str:
-    """Choose the format by file name: Pose2Sim for TOML, and a COLMAP folder if there is no suffix."""
+    """Choose a calibration format by file name. A path without a suffix is a COLMAP folder."""
     name = path.name.lower()
     if name.endswith((".qca.txt", ".qca")):
         return "qualisys"
@@ -212,7 +212,7 @@ def format_of(path: Path) -> str:
 def write_calibration(
     path: Path, cameras: Cameras, kind: str | None = None, rmse_px: float | None = None, *, overwrite: bool = False
 ) -> str:
-    """Write cameras to a file, or to a folder for COLMAP. Return the name of the format.
+    """Write cameras to a calibration file, or to a folder for COLMAP. Return the format's name.
 
     Args:
         kind: one of ``FORMATS``. The default depends on the file name.

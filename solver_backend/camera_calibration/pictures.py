@@ -1,4 +1,4 @@
-"""Draw lines, dots, boxes, text and images with NumPy."""
+"""Draw lines, dots, boxes, text and images into an RGB image with NumPy."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Canvas:
         self.rgb = np.full((height, width, 3), PAPER, dtype=np.uint8)
 
     def line(self, points: np.ndarray, colour: Colour, width: float = 1, *, closed: bool = False) -> None:
-        """Draw lines through (N, 2) points. NaN interrupts a line."""
+        """Draw connected lines through points (N, 2). NaN interrupts a line."""
         points = np.asarray(points, dtype=np.float64)
         ends = np.concatenate([points[1:], points[:1]]) if closed else points[1:]
         for a, b in zip(points, ends, strict=False):
@@ -78,7 +78,7 @@ class Canvas:
         self.rgb[top : max(round(y + height), 0), left : max(round(x + width), 0)] = colour
 
     def text(self, x: float, y: float, words: str, colour: Colour = INK, size: float = 0.5) -> None:
-        """Write text whose base line starts at (x, y). Non-ASCII characters become '?'."""
+        """Write text with its base line starting at (x, y). Non-ASCII characters become '?'."""
         cell = _CELL_PX * size
         for place, letter in enumerate(words):
             for stroke in [] if letter == " " else _LETTERS.get(letter, _LETTERS["?"]):
@@ -90,7 +90,7 @@ class Canvas:
         return _ADVANCE * _CELL_PX * size * len(words)
 
     def picture(self, x: float, y: float, width: float, height: float, rgb: np.ndarray) -> None:
-        """Fit an image into a rectangle, preserving its aspect ratio."""
+        """Draw an image inside a rectangle, with its aspect ratio preserved."""
         scale = min(width / rgb.shape[1], height / rgb.shape[0])
         size = max(1, int(rgb.shape[1] * scale)), max(1, int(rgb.shape[0] * scale))
         small = np.round(_resized(_resized(rgb.astype(np.float32), size[1], 0), size[0], 1)).astype(np.uint8)
@@ -98,13 +98,13 @@ class Canvas:
         self.rgb[top : top + size[1], left : left + size[0]] = small
 
     def save(self, path: Path) -> Path:
-        """Write a PNG, replacing any existing file, and return its path."""
+        """Write the canvas as PNG, and return the path. An existing file is replaced."""
         with atomic_output(path, overwrite=True) as place:
             place.write_bytes(png_bytes(self.rgb))
         return path
 
     def _stroke(self, a: np.ndarray, b: np.ndarray, colour: Colour, radius: float) -> None:
-        """Draw a line segment with round ends, anti-aliased using each pixel's distance."""
+        """Draw an anti-aliased line segment with round ends."""
         last = np.array(self.rgb.shape[1::-1]) - 1
         low = np.clip(np.floor(np.minimum(a, b) - radius - 1), 0, last + 1).astype(int)
         high = np.clip(np.ceil(np.maximum(a, b) + radius + 1), -1, last).astype(int) + 1
@@ -120,7 +120,7 @@ class Canvas:
 
 
 def _resized(picture: np.ndarray, size: int, axis: int) -> np.ndarray:
-    """Return the means of an image over equal parts of an axis, computed from its cumulative sum."""
+    """Resize one axis of an image by averaging over equal parts of the axis."""
     count = picture.shape[axis]
     total = np.insert(np.cumsum(picture, axis=axis), 0, 0.0, axis=axis)
     at = np.linspace(0.0, count, size + 1)

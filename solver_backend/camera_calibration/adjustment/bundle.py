@@ -23,7 +23,7 @@ PLACE_SIGMA_M = 0.003  # Standard deviation of a measured position, in metres.
 
 @dataclass(frozen=True)
 class BodySightings(Rows):
-    """N observed points on bodies in images."""
+    """N points on bodies (boards or single points), as observed in images."""
 
     camera: Int[np.ndarray, " n"]  # (N,) index of the camera.
     body: Int[np.ndarray, " n"]  # (N,) index of the body.
@@ -44,14 +44,14 @@ class Bodies(Rows):
 
 @dataclass(frozen=True)
 class Held:
-    """Expected poses of C cameras, taken from an earlier calibration."""
+    """Expected poses of C cameras from an earlier calibration, with their standard deviations."""
 
     cameras: Cameras
     turn_sigma: float
     centre_sigma_m: float
 
     def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
-        """Return the (C, 6) steps ``(ω, τ)`` away from the expected poses, in standard deviations."""
+        """Return the rotation and translation (C, 6) from the expected poses, in standard deviations."""
         turn = log_so3(cameras.R @ np.swapaxes(self.cameras.R, 1, 2))
         moved: np.ndarray = cameras.R @ (cameras.centres - self.cameras.centres)[..., None]
         shift = -moved[..., 0]
@@ -59,25 +59,25 @@ class Held:
 
     @property
     def scale(self) -> Float[np.ndarray, " 6"]:
-        """(6,) standard deviations of a step's components."""
+        """(6,) standard deviations of a pose change: rotation (rad), then translation (m)."""
         return np.repeat([self.turn_sigma, self.centre_sigma_m], 3)
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Numbers that the adjustment estimates in addition to the bodies."""
+    """Unknown camera parameters, and the priors that limit them."""
 
     poses: Bool[np.ndarray, " cameras"]  # (C,) mask of the cameras whose poses are unknown.
     lens: Bool[np.ndarray, "cameras 12"] | None = None
     """(C, 12) mask of the unknown parameters of each lens, None if all are fixed. The ratio of fx to fy is constant."""
-    lens_sigma: Float[np.ndarray, "cameras 12"] | None = None  # (C, 12) expected deviations. None for no limit.
+    lens_sigma: Float[np.ndarray, "cameras 12"] | None = None  # (C, 12) prior standard deviations. None for no prior.
     delays: Bool[np.ndarray, " cameras"] | None = None  # (C,) mask of cameras with unknown delays. None for no camera.
-    held: Held | None = None  # Expected poses. A camera far from its expected pose is released (Cauchy).
+    held: Held | None = None  # Expected poses. A Cauchy penalty lets cameras leave them.
 
 
 @dataclass(frozen=True)
 class Adjusted:
-    """Result of the adjustment."""
+    """Cameras and bodies after the adjustment, and their remaining errors."""
 
     cameras: Cameras
     bodies: Bodies
@@ -115,7 +115,9 @@ def adjust(
     tolerance: float = 1e-8,
     progress: Progress = silent,
 ) -> Adjusted:
-    """Minimise ``Σ c²/2 ln(1 + |e/σ|²/c²)`` (Cauchy) over cameras, lenses and bodies.
+    """Adjust cameras, lenses and bodies to their sightings by minimising a Cauchy penalty.
+
+    The penalty is ``Σ c²/2 ln(1 + |e/σ|²/c²)``, where e is the reprojection error and c is ``robust_scale``.
 
     Args:
         delays: (C,) initial delays in seconds, zero by default.
@@ -157,7 +159,7 @@ class _BundleState:
     delays: np.ndarray
 
     def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _BundleState:
-        """Return the state after a step of all cameras (19C,) and all bodies."""
+        """Return the bundle after a step of all cameras (19C,) and all bodies (B, 3 or 6)."""
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
         t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
@@ -178,14 +180,18 @@ class _Task:
     turning: slice  # Rotation parameters among a body's six. Single points have no rotation.
 
     def whole(self, values: np.ndarray) -> np.ndarray:
-        """Expand values of the unknown parameters to (19C, ...), with zeros for all others."""
+        """Expand values of the unknown parameters to all parameters (19C, ...). Fixed parameters get zeros."""
         C = len(self.start)
         full = np.zeros((C, CAMERA_PARAMETERS, *values.shape[1:]))
         full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
         return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
 
     def in_cameras(self, now: _BundleState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the (N, 3) points in camera axes, the vectors to them from the body's origin, and their pixels."""
+        """Return, for each sighting, its point in camera axes, its lever arm and its delay-corrected pixel.
+
+        The arrays are (N, 3), (N, 3) and (N, 2). The lever arm points from the body's origin to the point, in world
+        axes.
+        """
         seen, bodies, cameras = self.seen, now.bodies, now.cameras
         arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
         world = arm + bodies.t[seen.body]
@@ -202,13 +208,13 @@ class _Task:
             return pixels_of(now.cameras, self.seen.camera, x_cam) - target
 
     def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
-        """Return the (N, 2, columns) derivatives of the pixels with respect to each camera's unknowns."""
+        """Select the pixel derivatives (N, 2, ...) with respect to the unknown parameters of each camera."""
         if self.columns.max(initial=0) < 6:
             return by_pose[..., self.columns]
         return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
 
     def lens_change(self, cameras: Cameras) -> np.ndarray:
-        """Return the (C, 12) changes of the lens ``PARAMETERS``."""
+        """Return how far the lens ``PARAMETERS`` (C, 12) are from their initial values."""
         before, after = (c.K[:, [0, 1], [0, 1]] for c in (self.start, cameras))
         centre = (cameras.K[:, :2, 2] - self.start.K[:, :2, 2]) / before
         bent = cameras.distortion - self.start.distortion
@@ -303,7 +309,7 @@ class _Equations:
         return V_inverse, W, S, g
 
     def covariance(self, free: np.ndarray, gauge: int) -> np.ndarray:
-        """Return the (CP, CP) inverse, in which the ``gauge`` smallest eigenvalues are omitted."""
+        """Invert the equations for the cameras (CP, CP), without the ``gauge`` smallest eigenvalues."""
         _, _, S, _ = self._reduced(free, 0.0)
         if not len(S):
             return np.zeros_like(self.U)
@@ -333,7 +339,7 @@ def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sums(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """Return the sums (count, ...) of the values (N, ...) in each group."""
+    """Sum the values (N, ...) of each group. Return (count, ...)."""
     total = np.zeros((count, *values.shape[1:]))
     order = np.argsort(group, kind="stable")
     firsts = np.flatnonzero(np.diff(group[order], prepend=-1))

@@ -19,7 +19,7 @@ PARAMETERS = 12  # Number of lens parameters: ln fx, ln fy, cx/f, cy/f and eight
 
 @dataclass(frozen=True)
 class FittedLens:
-    """Distortion model and the indices of its fitted coefficients. All others are zero."""
+    """A lens model and the distortion coefficients that a calibration fits. All others are zero."""
 
     name: str
     distortion_model: str  # Name of the model in ``Cameras``.
@@ -29,7 +29,7 @@ class FittedLens:
 LENS_MODELS = {
     name: FittedLens(name, model.name, fitted) for model in lens.LENS_MODELS.values() for name, fitted in model.fits
 }
-"""Ordered by the number of coefficients. ``pinhole5`` has k1 k2 p1 p2 k3, and ``rational8`` adds k4 k5 k6."""
+"""Lens models by name, from few to many coefficients. ``pinhole5`` has k1 k2 p1 p2 k3, ``rational8`` also k4 k5 k6."""
 
 
 @dataclass(frozen=True)
@@ -47,20 +47,20 @@ class Lens:
 
 
 def build_cameras(names: Sequence[str], lenses: Sequence[Lens], R: np.ndarray, t: np.ndarray) -> Cameras:
-    """Return cameras with the C given lenses and the poses R (C, 3, 3) and t (C, 3)."""
+    """Combine C lenses with the camera poses R (C, 3, 3) and t (C, 3)."""
     K, distortion = (np.stack([getattr(lens, key) for lens in lenses]) for key in ("K", "distortion"))
     size = np.array([lens.image_size for lens in lenses])
     return Cameras(tuple(names), K, distortion, R, t, size, tuple(lens.distortion_model for lens in lenses))
 
 
 def lens_of(cameras: Cameras, index: int) -> Lens:
-    """Return the lens of one of the cameras."""
+    """Return the lens of the camera at an index."""
     width, height = cameras.image_size[index].tolist()
     return Lens(cameras.K[index], cameras.distortion[index], (width, height), cameras.models[index])
 
 
 def lens_mask(fitted: Sequence[int] | np.ndarray = (), *, centre: bool = False) -> Bool[np.ndarray, " 12"]:
-    """Return a mask of ``PARAMETERS`` that selects the fitted coefficients and optionally the centre."""
+    """Mask the ``PARAMETERS`` to estimate: focal lengths, given coefficients and optionally the centre."""
     mask = np.zeros(PARAMETERS, bool)
     mask[:2], mask[2:4], mask[[4 + i for i in fitted]] = True, centre, True
     return mask
@@ -77,7 +77,7 @@ def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
 
 
 def moved(cameras: Cameras, step: Float[np.ndarray, "cameras 12"]) -> Cameras:
-    """Change the lenses by a step in ``PARAMETERS``: ``f ← f exp(s)``, ``c ← c + f s``."""
+    """Add a step (C, 12) to the lens ``PARAMETERS``: ``f ← f exp(s)``, ``c ← c + f s``."""
     K = cameras.K.copy()
     focal = K[:, [0, 1], [0, 1]].copy()
     K[:, [0, 1], [0, 1]] = focal * np.exp(np.clip(step[:, 0:2], -1.0, 1.0))
@@ -88,7 +88,7 @@ def moved(cameras: Cameras, step: Float[np.ndarray, "cameras 12"]) -> Cameras:
 def project_local(
     cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 3"], Float[np.ndarray, "n 2 12"]]:
-    """Project points given in camera axes. Also return the derivatives with respect to the point and the lens.
+    """Project points from camera axes to pixels. Also return derivatives by point and lens.
 
     Args:
         cameras: C cameras, whose poses are ignored.
@@ -116,7 +116,7 @@ def project_local(
 def pixels_of(
     cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Return the (N, 2) pixels that ``project_local`` returns, without derivatives."""
+    """Project points from camera axes to pixels (N, 2), as ``project_local`` does, without derivatives."""
     return _projected(cameras, which, x_cam)[0]
 
 
@@ -130,7 +130,6 @@ def _projected(cameras: Cameras, which: np.ndarray, x_cam: np.ndarray) -> tuple[
 
 
 def _distorted(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Any, ...]:
-    """Return the distorted coordinates (N,) and the entries of their Jacobian."""
     groups = cameras_by_model(cameras.models)
     if len(groups) == 1:
         return distorted(x, y, cameras.distortion[which], cameras.models[:1])
@@ -143,7 +142,7 @@ def _distorted(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray
 
 
 def _by_coefficients(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the (N, 2, 8) derivatives of distorted coordinates with respect to the coefficients."""
+    """Return the derivatives (N, 2, 8) of distorted coordinates with respect to the distortion coefficients."""
     J = np.zeros((len(x), 2, PARAMETERS - 4))
     for model, views in cameras_by_model(cameras.models):
         at = np.isin(which, views)
@@ -152,19 +151,19 @@ def _by_coefficients(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.n
 
 
 def homogeneous(xy: np.ndarray) -> np.ndarray:
-    """Append a coordinate of 1 to points (..., d)."""
+    """Append a coordinate of 1 to points (..., d) in d dimensions."""
     return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
 
 
 def dlt_rows(points: Float[np.ndarray, "n d"], image: Float[np.ndarray, "n 2"]) -> np.ndarray:
-    """Return the (n, 2, 3 d + 3) equations that the points impose on a projection matrix."""
+    """Return the equations (n, 2, 3 d + 3) of the direct linear transform from d-dimensional points to images."""
     h = homogeneous(points)
     none = np.zeros_like(h)
     return np.stack([np.hstack([h, none, -image[:, :1] * h]), np.hstack([none, h, -image[:, 1:] * h])], axis=1)
 
 
 def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 3"]:
-    """Return the matrix H in ``image ~ H plane``, computed by the normalised direct linear transform.
+    """Estimate H in ``image ~ H plane`` by the normalised direct linear transform.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", algorithm 4.2.
     """
@@ -176,9 +175,10 @@ def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"])
 def focal_from_homographies(
     homographies: Float[np.ndarray, "views 3 3"], centre: Float[np.ndarray, " 2"]
 ) -> float | None:
-    """Return the focal length in px that makes the axes of the boards orthogonal, or None.
+    """Estimate the focal length in px from board homographies, or return None.
 
-    The (2,) principal point is known, so ``ω = diag(1/f², 1/f², 1)`` with ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2``.
+    It makes the board axes h1 and h2 orthogonal and equally long. The (2,) principal point is known, so ``ω =
+    diag(1/f², 1/f², 1)`` with ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2``.
 
     Reference: Zhang 2000, "A flexible new technique for camera calibration", eqs. 3 and 4.
     """
@@ -195,7 +195,7 @@ def focal_from_homographies(
 def planar_pose(
     plane: Float[np.ndarray, "n 2"], normalised: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return the rotation and translation from board to camera (Zhang 2000, sec. 3.1)."""
+    """Estimate a board's rotation and translation to camera axes from its points (Zhang 2000, sec. 3.1)."""
     H = homography(plane, normalised)
     H = H / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
     if H[2, 2] < 0:
@@ -205,7 +205,7 @@ def planar_pose(
 
 
 def _centred(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normalise points to zero mean and a mean distance of √2. Also return the (3, 3) matrix that does so."""
+    """Normalise points to zero mean and a mean distance of √2. Also return the normalisation matrix (3, 3)."""
     mean = points.mean(0)
     scale = np.sqrt(2.0) / max(float(np.linalg.norm(points - mean, axis=1).mean()), 1e-12)
     return (points - mean) * scale, np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])

@@ -60,7 +60,7 @@ class Board:
 
     @property
     def ends_differ(self) -> bool:
-        """True if the board looks different after a half turn, so that cameras agree about its ends."""
+        """True if the board looks different after rotation by 180°, so that its orientation is unambiguous."""
         return self.kind == "charuco" or (self.columns + self.rows) % 2 == 1
 
     @property
@@ -76,7 +76,7 @@ class Board:
 
 
 def board_named(text: str) -> Board:
-    """Return the board described by text such as ``charuco:5x7:35mm`` or by a TOML file.
+    """Read a board from text such as ``charuco:5x7:35mm``, or from a TOML file.
 
     The fields after the type may come in any order: columns x rows, side lengths (first of squares, then of markers),
     the name of a dictionary, and ``inverted``. Raise ``JobInvalid`` if a field is unknown, missing or impossible.
@@ -110,7 +110,7 @@ def board_named(text: str) -> Board:
 
 
 def _from_table(table: dict[str, Any], where: str) -> Board:
-    """Read the board from a table in our own format, or in the format of caliscope's ``charuco.toml``."""
+    """Read the board from a TOML table in our own format, or in the format of caliscope's ``charuco.toml``."""
     try:
         if "board" in table:
             given = dict(table["board"])
@@ -141,7 +141,7 @@ class BoardSighting:
 
 
 class BoardDetector:
-    """Detects a given board. Raises ``JobInvalid`` if its dictionary is unsuitable."""
+    """Detects a given board in images. Raises ``JobInvalid`` if OpenCV has no suitable marker dictionary."""
 
     def __init__(self, board: Board) -> None:
         self.board, self._cv2 = board, opencv()
@@ -150,7 +150,7 @@ class BoardDetector:
         self._points = {"charuco": self._charuco, "rings": self._rings, "checkerboard": self._checkerboard}[board.kind]
 
     def find(self, grey: np.ndarray) -> BoardSighting | None:
-        """Return the board found in a grey image (H, W) uint8, or None."""
+        """Detect the board in a grey image (H, W) uint8, or return None."""
         picture = 255 - grey if self.board.inverted else grey
         found, mirrored = self._points(picture), False
         if found is None and self.board.kind == "charuco":
@@ -206,7 +206,7 @@ class BoardDetector:
 
 
 def charuco_boards(board: Board) -> list[Any]:
-    """Return the board as drawn by the present OpenCV and by versions before 4.6."""
+    """Return the OpenCV board in the present pattern and in the pattern of OpenCV before 4.6."""
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:
@@ -229,7 +229,7 @@ def _refined(cv2: Any, picture: np.ndarray, px: np.ndarray, window: int) -> np.n
 
 
 def _spacing(board: Board, ids: np.ndarray, px: np.ndarray) -> float:
-    """Return the median distance between neighbouring points in px."""
+    """Return the median distance in px between neighbouring board points."""
     points = board.points[ids, :2]
     apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
     near = (apart > 0) & (apart < 1.01 * board.square_m)
@@ -254,7 +254,7 @@ def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int,
 
 
 def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: float) -> Float[np.ndarray, "points 2"]:
-    """Return the (n, 2) velocities in px/s of the points in a frame.
+    """Estimate the image velocities (n, 2) of board points in px/s from the neighbouring frames.
 
     Points that neighbouring frames do not show get the median velocity of the others. All are NaN if no neighbouring
     frame shows the board.

@@ -1,4 +1,4 @@
-"""Find board footage in folders, and detect the board in its images, which are read with OpenCV."""
+"""Find the footage of a calibration board in folders, and detect the board in its images with OpenCV."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ Sightings = dict[int, BoardSighting]  # Sightings of the board in one camera's i
 
 @dataclass(frozen=True)
 class BoardFootage:
-    """Video or image folder of each camera that shows a board."""
+    """Video or image folder of each camera that filmed the board."""
 
     lens: dict[str, Path]
-    extrinsic: dict[str, Path]  # Footage in which several cameras saw the board at once. May be empty.
+    extrinsic: dict[str, Path]  # Simultaneous footage from several cameras. May be empty.
 
     @property
     def moving(self) -> bool:
-        """True if the cameras recorded videos, which can be delayed."""
+        """True if all extrinsic footage is video, so that cameras can be delayed."""
         return all(path.suffix.lower() in VIDEOS for path in self.extrinsic.values())
 
 
@@ -56,14 +56,14 @@ def _below(folder: Path, names: tuple[str, ...], levels: int) -> dict[str, Path]
 
 
 def board_cameras(folder: Path, *, nested: bool = True) -> dict[str, Path]:
-    """Return the footage of each camera in a folder.
+    """Find the board footage of each camera in a folder.
 
     A camera is a video, a folder that contains images or one video, or a folder that contains one such folder.
     ``int_cam01_img`` is camera ``cam01``, and the chapters of an action camera form one video. If two folders have the
     same camera, only one is used.
 
     Args:
-        nested: also look into a folder inside a camera's folder.
+        nested: also search a folder inside a camera's folder.
     """
     found = {_camera_name(path): path for path in recordings_beside(folder).values()}
     for path in entries(folder):
@@ -95,7 +95,7 @@ def _camera_name(path: Path) -> str:
 
 
 def recordings_beside(folder: Path) -> dict[str, Path]:
-    """Return the recordings in a folder by name. Each is given by its first chapter."""
+    """Find the video recordings in a folder. A recording is named after its first chapter file."""
     return {parts[0].stem: parts[0] for parts in join_chapters(filter(is_video, entries(folder)))}
 
 
@@ -109,7 +109,7 @@ def entries(folder: Path) -> list[Path]:
 
 
 def grey_frames(path: Path) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the frame number, starting at 0, and the grey image (H, W) uint8 of each frame."""
+    """Yield each frame's number, starting at 0, and its grey image (H, W) uint8."""
     if not path.exists():
         raise FileMissing("The path is not a video, an image or a folder of images.", where=str(path))
     any_frame = False
@@ -145,7 +145,7 @@ def _of_video(path: Path) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def find_boards(path: Path, board: Board) -> tuple[Sightings, tuple[int, int]]:
-    """Return the sightings of the board in footage by frame, and the width and height of the images."""
+    """Detect the board in every frame of the footage. Also return the image width and height."""
     detector = BoardDetector(board)
     found: Sightings = {}
     size = (0, 0)
@@ -159,7 +159,10 @@ def find_boards(path: Path, board: Board) -> tuple[Sightings, tuple[int, int]]:
 def find_together(
     footage: BoardFootage, names: Sequence[str], board: Board, progress: Progress
 ) -> tuple[list[Sightings], list[tuple[int, int]]]:
-    """Run ``find_boards`` for each camera. A camera without footage has an empty result."""
+    """Detect the board in the extrinsic footage of each camera (see ``find_boards``).
+
+    A camera without footage has no sightings and the image size (0, 0).
+    """
     seen, sizes = [], []
     for done, name in enumerate(names):
         progress(f"Board before {name}", done, len(names))

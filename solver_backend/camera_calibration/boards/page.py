@@ -1,4 +1,4 @@
-"""Draw a board on a page, and write it as PDF or SVG."""
+"""Draw a calibration board on a page, and write the page as PDF or SVG."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PAPERS = {
     "letter": (215.9, 279.4),
     "tabloid": (279.4, 431.8),
 }
-"""Width and height in mm, in portrait format."""
+"""Width and height of each paper size in mm, in portrait format."""
 MARGIN_MM, FOOT_MM, RULER_MM = 10.0, 22.0, 100.0  # Margin, height of the footer and length of the ruler, in mm.
 RING = (0.36, 0.18)  # Outer and inner radius of a ring, relative to the distance between rows (half of ``square``).
 _CORNERS = 96  # Number of corners of a drawn circle. The error is then 4 µm at a radius of 7 mm.
@@ -29,7 +29,7 @@ _CORNERS = 96  # Number of corners of a drawn circle. The error is then 4 µm at
 
 @dataclass(frozen=True)
 class Polygon:
-    """A filled polygon."""
+    """A filled black or white polygon on the page."""
 
     points: np.ndarray  # (n, 2) mm from the top left corner of the page, Y down.
     white: bool = False
@@ -141,7 +141,9 @@ def svg(page: Page) -> str:
 
 
 def pdf(page: Page) -> bytes:
-    """Return the page as a PDF 1.4 file. A matrix converts millimetres with Y down to points with Y up.
+    """Return the page as a PDF 1.4 file.
+
+    A matrix converts millimetres with Y down to points with Y up.
 
     Reference: ISO 32000-1, 7.5 (file structure), 8.5 (paths).
     """

@@ -1,1 +1,1 @@
-"""Estimate camera poses by bundle adjustment."""
+"""Estimate camera poses from a calibration board, a person or clicked points."""

@@ -26,8 +26,8 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 
 FEWEST_TOGETHER = 2  # Minimum number of sightings that a usable pair of cameras has in common.
-OUTLIER_SIGMAS = 6.0  # Larger errors are excluded from the second adjustment, in multiples of the median error.
-ZOOM_GAIN = 0.25  # A camera was zoomed if a free focal length reduces the error by this fraction. Chosen by hand.
+OUTLIER_SIGMAS = 6.0  # Largest error in the second adjustment, in multiples of the median error.
+ZOOM_GAIN = 0.25  # Smallest error reduction by a free focal length that indicates a zoom. Chosen by hand.
 UNKNOWN_VELOCITY = 10.0  # Factor on the deviation of points whose velocity is unknown, while delays are estimated.
 
 
@@ -36,8 +36,8 @@ class BoardCalibration:
     """Result of a board calibration."""
 
     adjusted: Adjusted  # Cameras and board poses in the first camera's axes.
-    moments: tuple[int, ...]
-    left_out: int  # Number of sightings that were excluded.
+    moments: tuple[int, ...]  # Frames that show the board in any camera.
+    left_out: int  # Number of board points that were excluded.
 
 
 def calibrate_from_board(
@@ -52,8 +52,8 @@ def calibrate_from_board(
     """Estimate camera poses from a board: chain pairs of cameras, then adjust all cameras jointly.
 
     Args:
-        sightings: each camera's sightings by the number of the synchronised frame.
-        fps: frame rate in 1/s, from which each camera's delay relative to the first is estimated. None ignores delays.
+        sightings: board sightings of each camera, by synchronised frame number.
+        fps: frame rate in 1/s, needed to estimate each camera's delay relative to the first. None ignores delays.
 
     Raises:
         CalibrationInvalid: the cameras never see the board at the same time, or its two ends look the same.
@@ -85,10 +85,10 @@ def calibrate_from_board(
 
 
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
-    """Report each camera whose zoom or recording mode seems to differ from that of its lens calibration.
+    """Report each camera that seems to have another zoom or recording mode than its lens calibration.
 
-    A camera is reported if freeing the focal length changes it by more than 3 % and five standard deviations, and
-    reduces the error by a quarter.
+    If the focal length of such a camera is estimated, it changes by more than 3 % and five standard deviations, and the
+    error decreases by a quarter.
     """
     adjusted, names = solved.adjusted, solved.adjusted.cameras.names
     stated = adjusted.cameras
@@ -110,7 +110,7 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
 
 
 def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
-    """Treat all poses and lens parameters as unknown. Coefficients that are zero stay zero."""
+    """Treat all poses and lens parameters as unknown, except coefficients that are zero."""
     fitted = [np.flatnonzero(lens.distortion) for lens in lenses]
     default = LENS_MODELS["radial2"].fitted
     free = np.stack([lens_mask(used if len(used) else default, centre=True) for used in fitted])
@@ -118,7 +118,7 @@ def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
 
 
 def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> dict[int, Pose]:
-    """Return the board's pose in camera axes for each frame that shows the board."""
+    """Estimate the board's pose in one camera's axes for each frame that shows the board."""
     if not seen:
         return {}
     R, t = lens_fit.board_poses(board, list(seen.values()), lens)
@@ -133,9 +133,9 @@ def placed_boards(
     moments: Sequence[int],
     fps: float | None,
 ) -> tuple[Bodies, BodySightings]:
-    """Return the board's poses, each from the camera that sees the board best, and all sightings.
+    """Return the board pose in each frame, from the camera that sees most points, and all sightings.
 
-    With ``fps``, points have velocities. Points whose velocity is unknown get a small weight.
+    With ``fps``, points have velocities. A point with an unknown velocity gets a small weight.
     """
     number = {frame: i for i, frame in enumerate(moments)}
     best: dict[int, tuple[int, Pose]] = {}
@@ -160,11 +160,11 @@ def placed_boards(
 def board_world(
     bodies: Bodies, moments: Sequence[int | str], origin: int, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
-    """Return the rotation and translation to the world that the board defines in one frame, and a note.
+    """Return the rotation and translation to the world of a board on the floor, and a diagnostic.
 
     Args:
         moments: frame of each body.
-        origin: frame in which the board lies on the floor.
+        origin: frame that shows the board on the floor.
         first: index of the body in the first of these frames.
     """
     if origin not in moments:
@@ -178,12 +178,11 @@ def board_world(
 def widen_by_halves(
     found: CalibratedCameras, lenses: Sequence[Lens], board: Board, seen: Sequence[Mapping[int, BoardSighting]]
 ) -> CalibratedCameras:
-    """Widen standard deviations to match the difference between two halves of the footage.
+    """Enlarge the standard deviations of cameras to match the difference between two halves of the footage.
 
     The errors of corners in the same image are correlated (lens model, flatness, print), so a covariance for
-    independent corners is too small. A half has twice the variance of the whole, and the difference between two halves
-    has four times that of the whole, so ``σ = |difference| / 2``. The same ratio to the covariance is used for all
-    cameras. Lenses are fixed.
+    independent corners is too small. A half has twice the variance of the whole footage. The difference between two
+    halves has four times this variance, so ``σ = |difference| / 2``. All cameras get the same factor. Lenses are fixed.
     """
     moments = sorted(set().union(*seen))
     halves: list[Cameras] = []
@@ -203,7 +202,7 @@ def widen_by_halves(
 
 
 def _difference(one: Cameras, other: Cameras) -> tuple[np.ndarray, np.ndarray]:
-    """Align two camera arrays and return their (C,) differences in metres and in radians."""
+    """Align two camera arrays. Return the remaining differences (C,) of centres (m) and rotations (rad)."""
     arm = np.linalg.norm(other.centres - other.centres.mean(0), axis=1).mean()
     ends = [
         (c.centres[:, None] + arm * np.concatenate([np.zeros((1, 3)), np.eye(3)]) @ c.R).reshape(-1, 3)
@@ -236,7 +235,7 @@ class BoardOptions:
 def calibrate_lenses(
     footage: dict[str, Path], board: Board, options: BoardOptions = BoardOptions(), progress: Progress = silent
 ) -> dict[str, CameraLens]:
-    """Estimate the lens parameters of each camera."""
+    """Calibrate the lens of each camera from its board footage."""
     lenses = {}
     for done, (name, path) in enumerate(footage.items()):
         progress(f"Lens of {name}", done, len(footage))
@@ -262,7 +261,12 @@ def calibrate_by_board(
     *,
     coverage: Path | None = None,
 ) -> CalibratedCameras:
-    """Calibrate cameras with a board that somebody carried through their views."""
+    """Calibrate cameras from videos of a board that a person moves through their views.
+
+    Args:
+        known: lenses that are already calibrated, by camera name.
+        coverage: folder for one image per camera that shows the detected board corners.
+    """
     names = tuple(footage.extrinsic)
     if len(names) < 2:
         message = f"{len(names)} cameras filmed the board, but two are needed."
@@ -301,9 +305,9 @@ def _measured_lenses(
     options: BoardOptions,
     progress: Progress,
 ) -> dict[str, CameraLens]:
-    """Measure each unknown lens from its intrinsic footage, or else from the footage for the poses.
+    """Calibrate each unknown lens from its intrinsic footage, or else from the extrinsic footage.
 
-    All lenses get the distortion model of the known lenses, or the model that predicts best.
+    All lenses get the distortion model of the known lenses, or else the model that predicts best.
     """
     wanted = [name for name in footage.extrinsic if name not in known]
     found = calibrate_lenses({n: footage.lens[n] for n in wanted if n in footage.lens}, board, options, progress)

@@ -1,4 +1,4 @@
-"""Calibrate cameras from a take of a person: poses, scale, gravity and floor."""
+"""Calibrate cameras from a take of a person. This includes scale, gravity and floor."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from solver_backend.io.recognition.person_scale import scale_from_length, scale_
 from solver_backend.types import Cameras, Keypoints2D
 
 START_FRAMES, FINAL_FRAMES = 60, 160  # Maximum number of frames for initial poses and for the adjustment.
-FRAMES_ALIKE = 10  # Frames with correlated detector errors, which count as one. Chosen on true benchmark cameras.
+FRAMES_ALIKE = 10  # Number of frames with correlated detector errors. Chosen on true benchmark cameras.
 LEAST_CONFIDENCE = 0.3  # Smallest confidence at which a keypoint is used.
 START_SIGMA_PX = 6.0  # Initial estimate of the keypoint error, in px.
-LEAST_MOMENTS = 30  # Minimum number of frames that show a person. With too few, many camera poses fit.
+LEAST_MOMENTS = 30  # Minimum number of frames that show a person. Fewer frames do not determine the camera poses.
 FEWEST_COMMON = 60  # Minimum number of keypoints that two cameras have in common.
 FOCAL_SIGMA = 0.15  # Relative standard deviation of a guessed focal length.
 
 
 @dataclass(frozen=True)
 class PersonCalibration:
-    """Cameras estimated from a person, in the first camera's axes and in an arbitrary length unit."""
+    """Cameras calibrated from a person, in the first camera's axes and without a metric scale."""
 
     adjusted: Adjusted  # Cameras, points (stored as bodies) and errors.
     sigma_px: float  # Keypoint error per axis in px, estimated from the residuals.
@@ -55,8 +55,7 @@ def calibrate_from_person(
         CalibrationInvalid: a camera does not fit the others.
 
     References: Snavely, Seitz and Szeliski 2006, "Photo tourism", sec. 4 (adding cameras one by one); Puwein et al.
-        2014,
-    "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (joints as points).
+    2014, "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (joints as points).
     """
     rng = np.random.default_rng(0)
     count = len(names)
@@ -72,7 +71,7 @@ def calibrate_from_person(
 def refined_by_person(
     cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False, progress: Progress = silent
 ) -> PersonCalibration:
-    """Adjust an existing calibration to one person's keypoints. The world may drift slightly."""
+    """Refine calibrated cameras to fit one person's keypoints. The world frame may drift slightly."""
     return _finished(_FlatViews.of(cameras, keypoints, FINAL_FRAMES), cameras, START_SIGMA_PX, free_focal, progress)
 
 
@@ -111,7 +110,6 @@ class _FlatViews:
         return 2.0 * START_SIGMA_PX / float(self.lenses.K[c, 0, 0])
 
     def numbers(self, cameras: Cameras) -> list[int]:
-        """Return the indices of the views that belong to the cameras."""
         return [self.lenses.names.index(name) for name in cameras.names]
 
     def best_pair(self, rng: np.random.Generator) -> Cameras:
@@ -170,16 +168,18 @@ class _FlatViews:
         return adjust(cameras, bodies, sightings, unknowns, progress=progress, **options), used
 
     def points(self, found: Adjusted, numbers: np.ndarray) -> np.ndarray:
-        """Return the adjusted keypoints (F, K, 3), NaN if fewer than two cameras saw them."""
+        """Return the adjusted keypoints (F, K, 3), NaN if fewer than two cameras detected them."""
         points = np.full((self.xy.shape[1], 3), np.nan)
         points[numbers] = found.bodies.t
         return points.reshape(len(self.frames), self.keypoints, 3)
 
 
 def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Choose up to F frames with at least two views, spread over the take. Return them, (C, F K, 2) px and confidence.
+    """Sample up to ``most`` frames in which at least two views show the person.
 
-    Keypoints whose confidence is below ``LEAST_CONFIDENCE`` are NaN.
+    Returns:
+        Frame indices (F,), keypoints (C, F K, 2) in px and confidence (C, F K). Keypoints whose confidence is below
+        ``LEAST_CONFIDENCE`` are NaN.
     """
     useful = np.flatnonzero(((keypoints.confidence >= LEAST_CONFIDENCE).sum(2) > 3).sum(0) >= 2)
     if not len(useful):
@@ -192,12 +192,12 @@ def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.nda
 
 
 def keypoint_sigma(confidence: np.ndarray, sigma_px: float = START_SIGMA_PX) -> np.ndarray:
-    """Return the standard deviation of each keypoint in px. It is ``sigma_px`` at a confidence of 1."""
+    """Convert confidences to standard deviations in px. A confidence of 1 gives ``sigma_px``."""
     return sigma_px / np.sqrt(np.clip(confidence, 0.1, 1.0))
 
 
 def _sigma(found: Adjusted) -> float:
-    """Estimate the standard deviation per axis in px from the median distance (Rayleigh distribution)."""
+    """Estimate the error per axis in px from the median reprojection error (Rayleigh distribution)."""
     off = np.linalg.norm(found.error, axis=-1)
     known = off[np.isfinite(off)]
     if not len(known):
@@ -206,11 +206,11 @@ def _sigma(found: Adjusted) -> float:
     return max(float(np.median(known)) / 1.1774 * 1.2, 0.05)
 
 
-JUMP = 0.5  # Largest movement per frame, relative to a person's height. Chosen by hand.
+JUMP = 0.5  # Largest movement of the same person per frame, relative to the person's height. Chosen by hand.
 
 
 def main_person(detections: Detections, fps: float) -> Keypoints2D:
-    """Select the person who is largest and most confident in each view and frame.
+    """Select the largest and most confident person in each view and frame.
 
     If that detection is more than half a body height from the previous one, the nearest detection is selected instead.
     """
@@ -249,7 +249,7 @@ def calibrate_by_person(
     known_length: tuple[str, str, float] | None = None,
     free_focal: bool = False,
 ) -> CalibratedCameras:
-    """Calibrate cameras in metres with Z up from the keypoints of one person alone.
+    """Calibrate cameras from one person's keypoints, in metres and with Z up.
 
     Args:
         others: the same keypoints, resampled with other camera clocks. The clocks that give the most inliers are used.
@@ -288,7 +288,10 @@ def calibrate_by_person(
 def _best_of(
     names: Sequence[str], lenses: Sequence[Lens], readings: Sequence[Keypoints2D], free_focal: bool
 ) -> PersonCalibration:
-    """Return the calibration that has the most inliers. If all fail, raise the first error."""
+    """Calibrate from each version of the keypoints, and return the result with the most inliers.
+
+    If all calibrations fail, the first error is raised.
+    """
     found, failed = list[PersonCalibration](), list[MocapError]()
     for keypoints in readings:
         try:
@@ -301,9 +304,9 @@ def _best_of(
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
-    """Fit an existing calibration to a take, or keep it if it already fits equally well.
+    """Refine calibrated cameras to fit a take, or keep them if the refinement improves little.
 
-    Cameras that have not moved keep their poses, so that those that have moved stand out, see ``align_cameras``.
+    Cameras that have not moved keep their poses, so that moved cameras are detected (see ``align_cameras``).
     """
     solved = refined_by_person(cameras, keypoints, free_focal=free_focal)
     found = _result("refine", solved)
@@ -341,7 +344,7 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
 
 
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the rotation, translation and scale that robustly align cameras with others.
+    """Align cameras robustly with others. Return the rotation, the translation and the scale.
 
     Each camera is represented by its centre and two points on its axes, at a distance comparable to that between
     cameras. Reweighted least squares minimises first the sum of distances, then the sum of their square roots, so that

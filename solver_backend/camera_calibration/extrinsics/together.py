@@ -25,19 +25,19 @@ from solver_backend.io.files import read_text
 from solver_backend.types import Cameras, Keypoints2D
 
 CLICK_SIGMA_PX = 1.5  # Standard deviation of a clicked position, in px.
-FLAT = 0.02  # Points lie in a plane if they deviate by less than this, relative to their spread. Chosen by hand.
+FLAT = 0.02  # Largest deviation of points in a plane, relative to their spread. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Clicks:
-    """Clicked points, and the positions of some of them."""
+    """Pixels of clicked points, and the known positions of some of these points."""
 
     px: dict[str, dict[str, tuple[float, float]]]  # Pixels for each camera and point.
     places: dict[str, tuple[float, float, float]]  # Known position of each point in metres.
 
 
 def read_clicks(path: Path) -> Clicks:
-    """Read a table that contains clicks (``point,camera,x,y``) and positions (``point,world,x,y,z``)."""
+    """Read a table of clicked points (``point,camera,x,y``) and known positions (``point,world,x,y,z``)."""
     px: dict[str, dict[str, tuple[float, float]]] = {}
     places: dict[str, tuple[float, float, float]] = {}
     try:
@@ -65,7 +65,9 @@ def read_clicks(path: Path) -> Clicks:
 
 
 def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> CalibratedCameras:
-    """Calibrate cameras in the world of the known points. Other points count if two views show them.
+    """Calibrate cameras from clicked points, in the world of the known positions.
+
+    Points without a known position are used if two cameras see them.
 
     Args:
         clicks: per camera, at least four known points in a plane, or six that are not in a plane.
@@ -94,14 +96,14 @@ def _points_of(clicks: Clicks) -> list[str]:
 
 
 def click_tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the clicks (C, P, 2) in px and the known positions (P, 3), NaN where missing."""
+    """Return the clicks (C, P, 2) in px and the known positions (P, 3) of P points, NaN where missing."""
     points, nowhere = _points_of(clicks), (np.nan, np.nan, np.nan)
     xy = [[clicks.px.get(name, {}).get(p, nowhere[:2]) for p in points] for name in cameras.names]
     return np.array(xy).reshape(len(cameras), -1, 2), np.array([clicks.places.get(p, nowhere) for p in points])
 
 
 def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a camera's pose from known points, by a homography if they lie in a plane."""
+    """Estimate a camera's pose from its known points. Points in a plane use a homography."""
     seen = [p for p in clicks.px[name] if p in clicks.places]
     world = np.array([clicks.places[p] for p in seen]).reshape(-1, 3)
     px = np.array([clicks.px[name][p] for p in seen]).reshape(-1, 2)
@@ -130,7 +132,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
 
 
 def _far_clicks(found: Adjusted, points: tuple[int | str, ...]) -> tuple[Diagnostic, ...]:
-    """Report each click that is far from the position predicted for it."""
+    """Report each click that is far from the projection of its point."""
     far, seen, names = np.linalg.norm(found.error, axis=-1), found.seen, found.cameras.names
     bar = max(6.0 * CLICK_SIGMA_PX, 5.0 * float(np.median(far)))
     return tuple(
@@ -139,17 +141,17 @@ def _far_clicks(found: Adjusted, points: tuple[int | str, ...]) -> tuple[Diagnos
     )
 
 
-LEAST_PLACES = 3  # Minimum number of known positions that determine a world.
+LEAST_PLACES = 3  # Minimum number of known positions that define the world.
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Observations that come from one source."""
+    """Observations from one source: a board, a person or clicked points."""
 
     name: str
     bodies: Bodies
     seen: BodySightings
-    alike: float = 1.0  # Number of sightings that share correlated errors, which reduces their weight.
+    alike: float = 1.0  # Number of sightings with correlated errors. It reduces their weight.
     metric: bool = False  # True if the source determines the scale.
     labels: tuple[int | str, ...] = ()  # Frame numbers of the board's poses, or names of points.
 
@@ -157,7 +159,7 @@ class Evidence:
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return the observations of a moving board. Its poses come from the camera that sees it best."""
+    """Return the observations of a moving board. In each frame, the camera that sees most points defines its pose."""
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
@@ -167,7 +169,7 @@ def board_evidence(
 
 
 def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
-    """Return the observations of one person's keypoints, treated as single points."""
+    """Return the observations of one person's keypoints. Each keypoint in a frame is a single point."""
     frames, xy, confidence = person_session.sample_person(keypoints, person_session.FINAL_FRAMES)
     bodies, seen, _ = two_views.point_bodies(cameras, xy, person_session.keypoint_sigma(confidence))
     return Evidence("person", bodies, seen, alike=float(min(person_session.FRAMES_ALIKE, len(frames))))
@@ -182,7 +184,7 @@ def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
-    """Transform cameras to the world of the known positions. Without any, return them unchanged."""
+    """Transform cameras to the world of the known positions, or return them unchanged if there are none."""
     xy, known = click_tables(cameras, clicks)
     if not np.isfinite(known).any():
         return cameras
@@ -198,8 +200,8 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
 
 
 HELD_REACH_M = 3.0  # Distance in metres at which a held camera's rotation deviates as much as its centre.
-CONTRADICTION = 2.0  # A camera's error with the other sources, relative to without them, that means a contradiction.
-LEAST_CONTRADICTION_PX = 3.0  # Smaller errors have no effect on a take.
+CONTRADICTION = 2.0  # Factor by which the other sources must increase a camera's error to contradict a source.
+LEAST_CONTRADICTION_PX = 3.0  # Smallest error that is reported. Smaller ones have no effect on a take.
 WORST_SHARE = 0.6  # Smallest error growth that is reported, relative to the largest. A moved camera affects others.
 FREEDOM = 1.2  # Correction of the residuals for the lost degrees of freedom, as in ``person_session``.
 LEAST_SIGMA_PX = 0.05  # Smallest standard deviation of a source, in pixels. Chosen by hand.
@@ -209,7 +211,7 @@ _ROBUST = 3.0  # Residuals lose weight beyond this number of standard deviations
 def calibrate_together(
     start: Cameras, sources: Sequence[Evidence], *, hold_m: float | None = None, origin_frame: int | None = None
 ) -> CalibratedCameras:
-    """Calibrate cameras from all sources jointly. The covariance also reflects all sources.
+    """Calibrate cameras jointly from several sources, such as a board, a person and clicks.
 
     The first adjustment assumes the expected noise of each source. The second one uses the noise of the residuals. The
     world is defined by the known positions, by the board at ``origin_frame``, or by the initial cameras.
@@ -277,19 +279,18 @@ def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
 
 
 def _errors(found: Adjusted, sources: Sequence[Evidence]) -> Iterator[tuple[Evidence, np.ndarray]]:
-    """Yield each source and the (N,) reprojection errors of its points in px."""
     ends = np.cumsum([len(e.seen.px) for e in sources])[:-1]
     return zip(sources, np.split(np.linalg.norm(found.error, axis=-1), ends), strict=True)
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
-    """Return the ratio between each source's errors and its stated standard deviations."""
+    """Return the ratio of each source's errors to its expected standard deviations."""
     factors = (FREEDOM * float(np.nanmedian(far / e.seen.sigma)) / 1.1774 for e, far in _errors(found, sources))
     return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for e, s in zip(sources, factors, strict=True)]
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
-    """Report the cameras whose (C,) errors increased most in the joint adjustment."""
+    """Report the cameras with the largest error (C,) increase in the joint adjustment."""
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     found = []
@@ -300,7 +301,7 @@ def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after
 
 
 def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]:
-    """For each source, return the (C,) median errors in px. Cameras without observations have NaN."""
+    """Return each source's median error (C,) per camera in px, NaN for cameras without observations."""
     return [bundle.median_by_camera(far, e.seen, len(found.cameras)) for e, far in _errors(found, sources)]
 
 

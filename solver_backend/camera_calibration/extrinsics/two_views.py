@@ -20,7 +20,7 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
-HYPOTHESES, RESECTION_HYPOTHESES = 400, 300  # Number of samples of eight points in two views, and of six known points.
+HYPOTHESES, RESECTION_HYPOTHESES = 400, 300  # Number of random samples for an essential matrix, and for a resection.
 COMPARED_POINTS = 600  # Maximum number of points on which samples are compared.
 _REFINEMENTS, _RESECTION_REFINEMENTS = 6, 5  # Maximum number of reweighting rounds. Chosen by hand.
 ImagePoints = Float[np.ndarray, "n 2"]  # Undistorted normalised coordinates.
@@ -31,7 +31,7 @@ Solution = TypeVar("Solution")
 def _improved(
     best: Solution, refit: Callable[[Solution], Solution], cost: Callable[[Solution], float], rounds: int
 ) -> Solution:
-    """Repeat a fit, reweighted by the previous solution, as long as the cost decreases."""
+    """Repeat a reweighted fit, each time from the previous solution, as long as the cost decreases."""
     for _ in range(rounds):
         other = refit(best)
         if cost(other) >= cost(best):
@@ -43,10 +43,10 @@ def _improved(
 def essential_matrix(
     first: ImagePoints, second: ImagePoints, scale: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3 3"], Bool[np.ndarray, " n"]]:
-    """Return E such that ``x2ᵀ E x1 = 0``, and a mask of inliers.
+    """Estimate E such that ``x2ᵀ E x1 = 0`` robustly. Also return a mask of inliers.
 
-    Samples of eight points provide hypotheses. The one whose Sampson distances have the lowest Cauchy penalty is
-    refined.
+    Each random sample of eight points gives a candidate. The candidate with the lowest Cauchy penalty on the Sampson
+    distances is refined.
 
     Args:
         first: at least eight points.
@@ -82,7 +82,7 @@ def essential_matrix(
 def sampson_distance(
     E: Float[np.ndarray, "m 3 3"], first: ImagePoints, second: ImagePoints
 ) -> Float[np.ndarray, "m n"]:
-    """Return the first-order distance, in normalised coordinates, by which pairs of points violate E.
+    """Return the first-order distance (m, n) of n point pairs from m essential matrices, in normalised coordinates.
 
     Reference: Hartley and Zisserman 2004, eq. 11.9.
     """
@@ -96,7 +96,9 @@ def sampson_distance(
 def pose_from_essential(
     E: Float[np.ndarray, "3 3"], first: ImagePoints, second: ImagePoints
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return the second camera's rotation and unit translation for which the points are in front of both cameras.
+    """Return the second camera's rotation and unit translation, relative to the first camera.
+
+    Of the four poses that E allows, the one with most points in front of both cameras is chosen.
 
     Reference: Hartley and Zisserman 2004, result 9.19.
     """
@@ -116,7 +118,7 @@ def pose_from_essential(
 def intersected(
     R: Float[np.ndarray, "views 3 3"], t: Float[np.ndarray, "views 3"], xy: Float[np.ndarray, "views n 2"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the points nearest to the rays from all views, or NaN for fewer than two rays.
+    """Triangulate n points as the nearest points to their rays, or NaN for fewer than two rays.
 
     Reference: Slabaugh, Schafer and Livingston 2001, "Optimal ray intersection".
     """
@@ -135,10 +137,12 @@ def intersected(
 def point_bodies(
     cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None
 ) -> tuple[Bodies, BodySightings, np.ndarray]:
-    """Return the points that two cameras see or whose positions are known, and their sightings.
+    """Convert clicks or keypoints to single-point bodies and their sightings. Also return their indices.
+
+    A point is used if two cameras see it or its position is known.
 
     Args:
-        xy: (C, P, 2) keypoints in px, NaN where not visible.
+        xy: (C, P, 2) points in px, NaN where not visible.
         sigma: (C, P) standard deviations in px.
         known: (P, 3) positions in metres, NaN where unknown.
     """
@@ -154,7 +158,7 @@ def point_bodies(
 
 
 def _essential(F: np.ndarray, spread: float) -> np.ndarray:
-    """Return the nearest (m, 3, 3) essential matrices, for coordinates divided by ``spread``."""
+    """Return the essential matrices (m, 3, 3) nearest to F, given for coordinates divided by ``spread``."""
     scale = np.diag([1.0 / spread, 1.0 / spread, 1.0])
     U, _, Vt = np.linalg.svd(scale @ F @ scale)
     return U @ (np.array([1.0, 1.0, 0.0])[:, None] * Vt)
@@ -163,15 +167,18 @@ def _essential(F: np.ndarray, spread: float) -> np.ndarray:
 def resected_pose(
     points: Float[np.ndarray, "n 3"], xy: Float[np.ndarray, "n 2"], scale: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], float]:
-    """Return the rotation, the translation, and the fraction of points within three scales.
+    """Estimate a camera's pose from known points robustly (resection).
 
-    Samples of six points provide hypotheses by the direct linear transform. The one that has the lowest Cauchy penalty
-    is refined.
+    Each random sample of six points gives a candidate by the direct linear transform. The candidate with the lowest
+    Cauchy penalty is refined.
 
     Args:
         points: at least six points that do not lie in a plane.
         xy: normalised coordinates.
         scale: normalised distance above which a point loses weight.
+
+    Returns:
+        Rotation (3, 3), translation (3,), and the fraction of points with an error below three scales.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.
     """
@@ -224,10 +231,10 @@ def inverted(a: Pose) -> Pose:
 
 
 def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
-    """Return the pose from the first to the second camera that best fits all frames they have in common.
+    """Estimate the pose from the first to the second camera from board poses in common frames.
 
-    Each frame proposes ``T_second T_first⁻¹``. The proposal closest to all others (median) is used. This rejects the
-    wrong one of the two poses that a flat board allows.
+    Each frame proposes ``T_second T_first⁻¹``. The proposal with the smallest median distance from all others is used.
+    This rejects the wrong one of the two poses that a flat board allows.
     """
     proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
     R, t = np.stack([p[0] for p in proposals]), np.stack([p[1] for p in proposals])
@@ -237,14 +244,14 @@ def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
 
 
 Pair = Callable[[int, int, np.ndarray], tuple[Pose, int]]
-"""From a mask of common frames, returns the pose from camera i to camera j and the number of inliers."""
+"""Function of two cameras i and j and a mask of common frames. Returns the pose from i to j and its weight."""
 
 
 def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> list[Pose]:
-    """Return each camera's pose relative to the first, chained along a tree of overlapping pairs.
+    """Chain the relative poses of overlapping camera pairs. Return each camera's pose relative to the first.
 
     Args:
-        seen: (C, M) mask of the frames in which each camera sees the object.
+        seen: (C, F) mask of the frames that show the board or person in each camera.
         fewest: minimum number of frames that a usable pair has in common.
 
     Reference: Prim 1957 (maximum spanning tree).
@@ -269,7 +276,7 @@ def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> 
 
 @dataclass(frozen=True)
 class CalibratedCameras:
-    """C calibrated cameras in metres, Z up."""
+    """C calibrated cameras in metres and with Z up, and the accuracy of the calibration."""
 
     cameras: Cameras
     method: str
@@ -284,12 +291,11 @@ class CalibratedCameras:
 
 
 def result_of(method: str, found: Adjusted, *, measured: bool = False) -> CalibratedCameras:
-    """Convert the result of an adjustment to a calibration. The covariance gives the deviations of the centres.
+    """Convert an adjustment to a calibration. Its standard deviations come from the covariance.
 
     Args:
         measured: True if the standard deviations of the sightings were estimated from residuals. Otherwise, the
-            covariance is
-            scaled to match the residuals.
+            covariance is scaled to match the residuals.
     """
     camera_of, noise_px = found.seen.camera, found.seen.sigma
     C = len(found.cameras)

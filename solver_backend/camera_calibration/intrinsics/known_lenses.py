@@ -1,4 +1,4 @@
-"""Read, store and look up the lens parameters of cameras."""
+"""Store the lens parameters of cameras in a library, and read them from a library or a calibration."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FORMAT, VERSION = "manifold-mocap-lenses", 1
 
 
 def read_lenses(path: Path) -> dict[str, Lens]:
-    """Read a lens library as a mapping from names to lenses. It is empty if there is no file."""
+    """Read a lens library. Return the lenses by name, or nothing if there is no file."""
     if not path.exists():
         return {}
     table = read_json(path)
@@ -42,7 +42,7 @@ def read_lenses(path: Path) -> dict[str, Lens]:
 
 
 def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float] | None = None) -> None:
-    """Add lenses to a library. Lenses that have the same name are replaced."""
+    """Add lenses to a library file. A lens with the same name is replaced."""
     kept = sorted((read_lenses(path) | lenses).items())
     entries = {name: {key: np.asarray(value).tolist() for key, value in vars(lens).items()} for name, lens in kept}
     for name, error in (errors_px or {}).items():
@@ -52,7 +52,7 @@ def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float]
 
 
 def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] | None, where: str) -> Lens:
-    """Look up a lens by name, for images of a given size."""
+    """Return a lens from a library, scaled to the given image size."""
     if name not in lenses:
         hint = f"Known lenses: {', '.join(lenses) or 'none'}."
         raise CalibrationMissing(f"There is no lens '{name}'.", where=where, hint=hint)
@@ -83,7 +83,7 @@ def _lens(entry: Any, where: str) -> Lens:
 
 
 def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
-    """Look up the lenses of cameras in a lens library or a calibration."""
+    """Read the lenses of the named cameras from a lens library or a calibration."""
     if path.is_file() and path.suffix.lower() == ".json" and FORMAT in read_text(path, LARGEST_TEXT)[:200]:
         library = read_lenses(path)
         found = {name: lens_named(library, name, None, str(path)) for name in names}
@@ -100,7 +100,7 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
 
 
 GUESSED_SIGMA = 0.15  # Relative deviation of a guessed focal length. Phones have 0.75 to 1.0 of the longer side.
-EQUIVALENT_SIGMA = 0.08  # The same for a 35 mm equivalent. It refers to the whole sensor, but videos show a part.
+EQUIVALENT_SIGMA = 0.08  # Relative deviation of a 35 mm equivalent. A video can show only a part of the sensor.
 FILM_DIAGONAL_MM = 43.27  # Diagonal of 36 x 24 mm, to which equivalents refer (CIPA DCG-001).
 PLAUSIBLE_SHARE = (0.2, 20.0)  # Focal lengths of a fisheye and a telephoto lens, relative to the longer image side.
 EXAMPLE = "26mm (35 mm equivalent) or 1450px"
@@ -116,12 +116,15 @@ class FocalLength:
     source: str
 
     def lens(self, image_size: tuple[int, int]) -> Lens:
-        """Return a lens that has no distortion and whose principal point is the image centre."""
+        """Return a lens without distortion. Its principal point is the image centre."""
         return rough_lens(image_size, self.px / max(image_size))
 
 
 def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) -> FocalLength:
-    """Find the focal length in text such as ``EXAMPLE`` or in the file, or guess it."""
+    """Return the focal length that the user or the file gives, or guess it from the image size.
+
+    ``given`` is text such as ``EXAMPLE``, or empty.
+    """
     if given:
         return _given(given, image_size)
     recorded = recorded_focal_mm(footage)

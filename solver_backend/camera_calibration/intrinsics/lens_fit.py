@@ -1,4 +1,4 @@
-"""Fit a lens model to images of a board: choose the images, the model and its parameters."""
+"""Fit a lens model to images of a board. This includes the choice of the images and of the model."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ CORNER_SIGMA_PX = 0.3  # Expected error of a corner in px, which sets the scale 
 
 @dataclass(frozen=True)
 class LensFit:
-    """A lens and its errors in the images to which it was fitted."""
+    """A fitted lens and its errors in the board images."""
 
     lens: Lens
     model: FittedLens
@@ -51,7 +51,7 @@ def fitted_lens(
     start: Lens | None = None,
     steps: int = 60,
 ) -> LensFit:
-    """Fit focal lengths, principal point, coefficients and board poses to V images of a board.
+    """Fit the lens parameters and the board poses to V images of a board.
 
     The ratio of fx to fy stays constant.
 
@@ -78,7 +78,7 @@ def fitted_lens(
 
 
 def board_poses(board: Board, views: Sequence[BoardSighting], lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotations (V, 3, 3) and translations (V, 3) from board to camera."""
+    """Estimate the rotations (V, 3, 3) and translations (V, 3) from board to camera in V images."""
     poses = []
     for view in views:
         flat = undistort(lens.as_camera(), view.px[None])[0]
@@ -111,14 +111,14 @@ def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns
 
 
 FOLDS = 4  # Number of groups of images used for cross-validation.
-GAIN = 0.03  # Fraction by which a richer model must predict better.
-BAD_VIEW = 4.0  # An image is skipped if its error exceeds half a pixel and this multiple of the median.
+GAIN = 0.03  # Smallest relative error reduction for which a model with more coefficients is chosen.
+BAD_VIEW = 4.0  # Largest error of a usable image, in multiples of the median. Errors up to 0.5 px are always usable.
 TILT_DEG, FEWEST_TILTED = 15.0, 5  # Smallest angle of a tilted board, and number of tilted images below which to warn.
 
 
 @dataclass(frozen=True)
 class CameraLens:
-    """The lens of one camera, and the images to which it was fitted."""
+    """A camera's calibrated lens, and the board images to which it was fitted."""
 
     fit: LensFit  # Fit of the chosen model to all images.
     held_out_px: dict[str, float]  # Root mean square error in held-out images, by model name.
@@ -129,12 +129,12 @@ class CameraLens:
 
     @property
     def lens(self) -> Lens:
-        """The fitted lens."""
+        """Lens fitted with the chosen model."""
         return self.fit.lens
 
     @property
     def held_out(self) -> float:
-        """Error of the chosen model in held-out images."""
+        """Error (px) of the chosen model in held-out images."""
         return self.held_out_px[self.fit.model.name]
 
 
@@ -145,7 +145,7 @@ def camera_lens(
     models: Sequence[str] = tuple(LENS_MODELS),
     name: str = "camera",
 ) -> CameraLens:
-    """Fit a lens to one camera's sightings. Images with large errors are excluded."""
+    """Calibrate a camera's lens from its board sightings. Images with large errors are excluded."""
     frames = selected_views(board, sightings, image_size)
     kept = list(frames)
     while True:
@@ -165,10 +165,10 @@ def camera_lens(
 def chosen_lens(
     board: Board, views: Sequence[BoardSighting], image_size: tuple[int, int], models: Sequence[str]
 ) -> tuple[LensFit, dict[str, float]]:
-    """Choose a lens model by cross-validation and fit it. Also return the error of each model.
+    """Choose a lens model by cross-validation and fit it. Also return the held-out error of each model.
 
     Image i belongs to group i mod 4, so that each group covers the whole recording. If there are fewer than twelve
-    images, each one forms a group. A richer model is chosen only if its predictions are better by 3 %.
+    images, each one forms a group. A model with more coefficients is only chosen if its error is 3 % smaller.
 
     Reference: Geisser 1975 (cross-validation).
     """
@@ -206,7 +206,7 @@ def _held_out(
 
 
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Return the distortion model that predicts best for all cameras, or None if no model suits every camera.
+    """Choose the distortion model that predicts best for all cameras, or None if none suits every camera.
 
     A camera's evidence is ``-n log σ``, where its best model predicts corners in n images to within σ px, assuming
     normal errors.
@@ -222,7 +222,7 @@ def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> st
 
 
 def in_family(board: Board, lens: CameraLens, family: str, models: Sequence[str]) -> CameraLens:
-    """Fit the best model in a family to a camera's images again, and return the lens."""
+    """Refit a camera's lens with the best variant of a given distortion model."""
     allowed = [name for name in models if LENS_MODELS[name].distortion_model == family]
     if lens.lens.distortion_model == family or not allowed:
         return lens
@@ -231,12 +231,12 @@ def in_family(board: Board, lens: CameraLens, family: str, models: Sequence[str]
 
 
 MOST_VIEWS = 40  # Maximum number of images to which a lens is fitted.
-BLUR_SHARE = 0.4  # An image is skipped if its sharpness is below this fraction of the camera's 80 % quantile.
+BLUR_SHARE = 0.4  # Smallest sharpness of a usable image, relative to the 80 % quantile of the camera's images.
 CELLS = (8, 6)  # Number of cells across and down the image in which corners are counted.
 
 
 def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:
-    """Select sharp images one by one, each as different as possible from those already selected.
+    """Select sharp images one by one, each as different as possible from the selected ones.
 
     The difference is the distance between the positions of the board corners, in image heights.
 
@@ -260,7 +260,7 @@ def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_s
 
 
 def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) -> np.ndarray:
-    """Return the number of corners in each cell of the image, as (down, across)."""
+    """Count the detected corners in each cell of the image. Return (rows, columns)."""
     across, down = CELLS
     count = np.zeros((down, across), dtype=int)
     for view in sightings:
@@ -273,7 +273,7 @@ def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) ->
 def advice(
     sightings: Sequence[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
 ) -> tuple[Diagnostic, ...]:
-    """Recommend additional images to film. ``tilted`` is the number of images that show a tilted board."""
+    """Recommend board images that are missing. ``tilted`` is the number of images with a tilted board."""
     seen = coverage(sightings, image_size) > 0
     down, across = seen.shape[0] // 3, seen.shape[1] // 4
     parts = {"left": seen[:, :across], "right": seen[:, -across:], "top": seen[:down], "bottom": seen[-down:]}
@@ -290,7 +290,7 @@ def advice(
 
 
 def _signature(board: Board, view: BoardSighting) -> np.ndarray:
-    """Return the (8,) positions of the board's four corners in px, from the affine part of a homography."""
+    """Estimate the positions (8,) of the board's outer corners in px by an affine fit."""
     points = board.points
     h = np.concatenate([points[view.ids, :2], np.ones((len(view.ids), 1))], axis=1)
     affine = np.linalg.lstsq(h, view.px, rcond=None)[0]
@@ -304,7 +304,7 @@ _CELL, _CORNER = (58, 92, 74), (236, 112, 70)
 
 
 def write_coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
-    """Write a PNG that shows all corners in the camera's image. Covered cells are green."""
+    """Write a PNG of a camera's image area with all detected corners. Covered cells are green."""
     scale = WIDTH / image_size[0]
     canvas = Canvas(WIDTH, max(1, round(image_size[1] * scale)))
     wide, high = np.array(canvas.rgb.shape[1::-1]) / CELLS
