@@ -1,1 +1,1 @@
-"""Convert videos to a capture (needs the ``capture`` extra)."""
+"""Turn videos into a capture: synchronise, detect people and calibrate (needs the ``capture`` extra)."""

@@ -1,4 +1,4 @@
-"""Store the detections in one video, and read and write them as files."""
+"""Store the people detected in one video, and read and write them as files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STORED = (
 
 @dataclass(frozen=True)
 class VideoDetections(TimedPictures):
-    """The people detected in one video: F images, up to P people, K keypoints."""
+    """People detected in one video: F images, up to P people per image, K keypoints."""
 
     video: Path
     video_hash: str
@@ -63,7 +63,7 @@ class VideoDetections(TimedPictures):
         return self.camera or self.video.stem
 
     def of_track(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return xy (F, K, 2) and confidence (F, K) for one person."""
+        """Return one person's pixels (F, K, 2) and confidences (F, K), by track number."""
         frames, slots = np.nonzero(self.track == number)
         xy = np.full((self.num_frames, *self.xy.shape[2:]), np.nan)
         confidence = np.zeros(xy.shape[:2])
@@ -71,7 +71,7 @@ class VideoDetections(TimedPictures):
         return xy, confidence
 
     def main_track(self) -> int:
-        """Return the track with the largest sum of confidence times size, or -1 if there are no people."""
+        """Return the number of the track with the largest sum of confidence times size, or -1 without people."""
         size = np.nan_to_num(extent(self.xy))
         weight = self.confidence.mean(axis=-1) * size
         totals = {int(n): float(weight[self.track == n].sum()) for n in np.unique(self.track) if n >= 0}
@@ -79,7 +79,7 @@ class VideoDetections(TimedPictures):
 
 
 def write_detections(path: Path, found: VideoDetections) -> None:
-    """Write the detections of a video. An existing file is replaced."""
+    """Write the detections in a video to a file. An existing file is replaced."""
     facts = {"format": FORMAT, "version": VERSION, "video": found.video.name, "video_hash": found.video_hash}
     facts |= {"detector": found.detector, "joint_set": found.joint_set.value, "size": found.size}
     arrays = {key: np.array(value) for key, value in facts.items()}
@@ -90,7 +90,7 @@ def write_detections(path: Path, found: VideoDetections) -> None:
 
 
 def read_detections(path: Path, video: Path) -> VideoDetections:
-    """Read the detections of a video."""
+    """Read the stored detections of a video."""
     fields = read_fields(path, _STORED)
     fields.require_format(FORMAT, VERSION)
     xy = fields.numbers("xy", (None, None, None, 2))

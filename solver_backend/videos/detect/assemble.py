@@ -1,4 +1,4 @@
-"""Combine the detections from several videos into a capture, and compensate for camera rotation."""
+"""Combine the detections from several videos into a capture, and correct them for camera rotation."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
 from solver_backend.videos.video_detections import VideoDetections
 
 CROPPED_SHARE = 0.02  # Largest relative size change caused by cropping. Encoders crop images to whole blocks.
-SHORT_SHARE = 0.5  # Smallest overlap of all videos that causes no warning, relative to the longest video.
+SHORT_SHARE = 0.5  # Overlap of all videos below which to warn, relative to the longest video.
 
 
 @dataclass(frozen=True)
 class KnownOfOne:
-    """Known facts about a single camera and the person it films (see ``Capture``)."""
+    """Known facts for a take with a single camera: the person, the floor and the lens (see ``Capture``)."""
 
     stature_m: float = 0.0  # Stature of the person in metres, or 0 if unknown.
     floor_from_person: bool = False
@@ -53,7 +53,7 @@ class KnownOfOne:
 
 
 def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detections, float]:
-    """Resample the detections of all people at common times. Return them and their rate in 1/s."""
+    """Resample the detections of all people at common times. Also return the frame rate in 1/s."""
     sets = {item.joint_set for item in found}
     if len(sets) > 1:
         message = f"The detections use different joint sets: {', '.join(sorted(sets))}."
@@ -94,7 +94,7 @@ def assembled(
     world: WorldSettings = WorldSettings(),
     one: KnownOfOne = KnownOfOne(),
 ) -> Capture:
-    """Build the capture of the person whom most views agree on, or who is most visible."""
+    """Build the capture of a single person: the person in most views, or the most visible one."""
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
     made_of: dict[str, Any] = {"footage": footage, "detector": found[0].detector}
@@ -124,9 +124,9 @@ def assembled(
 
 
 def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return xy (F, P, K, 2), confidence (F, P, K) and hands (F, P, 2, 21, 3) with one slot per person.
+    """Arrange one video's people in ``most`` slots: xy (F, P, K, 2), confidence (F, P, K), hands (F, P, 2, 21, 3).
 
-    A person keeps the same slot in all frames, because interpolation connects equal slots in neighbouring frames.
+    Each person keeps one slot, because interpolation connects equal slots in neighbouring frames.
     """
     frames = len(item.track)
     xy = np.full((frames, most, *item.xy.shape[2:]), np.nan)
@@ -151,7 +151,7 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray,
 
 @dataclass(frozen=True)
 class FilmedSize:
-    """Image size of a camera that records video."""
+    """Image size of a video without detections."""
 
     video: Path
     size: tuple[int, int]  # Width and height in pixels.
@@ -160,7 +160,7 @@ class FilmedSize:
 def in_video_pixels(
     calibration: Calibration, found: Sequence[VideoDetections | FilmedSize]
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Scale the cameras to video pixels. Also return notes about the scaling."""
+    """Convert calibrated cameras to the pixels of their videos. Also return notes about the scaling."""
     cameras, notes = calibration.cameras, list[Diagnostic]()
     for c, item in enumerate(found):
         size = tuple(int(n) for n in cameras.image_size[c])
@@ -215,7 +215,7 @@ FEATURES, FEWEST = 400, 40  # Maximum and minimum number of tracked features. Ne
 FEWEST_STILL = 8  # Number of features that suffice to show that a camera is still, for plain walls.
 MARGIN = 0.25  # Margin around people's boxes relative to their size. Hair, clothes and shadows move with people.
 STILL_DEG = 0.25  # Largest apparent rotation of a still camera in degrees. Image noise can reach this over a take.
-LEFT_SHARE, LEFT_PX = 0.15, 1.0  # Largest movement not explained by rotation: fraction, and pixels at a width of 640.
+LEFT_SHARE, LEFT_PX = 0.15, 1.0  # Largest movement not explained by rotation: fraction, and pixels (640 px width).
 SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)  # Scales of the Geman-McClure weights in pixels, from least squares to robust.
 
 
@@ -234,14 +234,14 @@ class CameraTurns:
 
     @property
     def explain(self) -> bool:
-        """True if the camera only rotated, without moving or zooming."""
+        """True if rotation alone explains the background motion, so the camera neither moved nor zoomed."""
         return self.left_px <= max(LEFT_PX, LEFT_SHARE * self.moved_px)
 
 
 def steadied(
     found: tuple[VideoDetections, ...], calibration: Calibration, progress: Progress = silent
 ) -> tuple[tuple[VideoDetections, ...], list[Diagnostic]]:
-    """Correct the detections in a single video for camera rotation, as if the camera had been still."""
+    """Correct the detections in a single video for camera rotation, as if the camera had been static."""
     if len(found) != 1:
         return found, []
     only, (cameras, _) = found[0], in_video_pixels(calibration, found)
@@ -257,7 +257,7 @@ def steadied(
 def as_if_still(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> tuple[VideoDetections, list[Diagnostic]]:
-    """Correct the detections in one video for camera rotation, as if the camera had been still."""
+    """Correct detections for camera rotation by following the background in the given images."""
     turns = camera_turns(found, camera, pictures, progress)
     if turns is None:
         return found, [diagnostic("camera_turns", severity=Severity.WARNING, turn="unknown", cameras=[found.name])]
@@ -282,10 +282,10 @@ def as_if_still(
 def camera_turns(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> CameraTurns | None:
-    """Estimate the camera's rotations, or return None if too little background is visible.
+    """Estimate the camera's rotation in each image, or return None if too little background is visible.
 
     Features are tracked from image to image (Lucas and Kanade 1981) until few remain. The rotation relative to the
-    image in which they were first detected is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d. These rotations are
+    first image of these features is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d. These rotations are
     multiplied together. A plain wall with few features can show that a camera is still, but cannot show how it rotates.
     """
     cv2 = opencv()
@@ -346,7 +346,7 @@ def _rays(camera: Cameras, px: np.ndarray) -> np.ndarray:
 
 
 def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray, float]:
-    """Return the robust rotation between two sets of rays, and the median residual in px.
+    """Estimate the rotation between two sets of rays robustly. Also return the median residual in px.
 
     Each pass is Kabsch's (1976) solution with Geman-McClure weights from the previous pass.
     """
@@ -359,7 +359,7 @@ def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray
 
 
 def background_mask(found: VideoDetections, number: int, shape: tuple[int, ...], scale: float) -> np.ndarray:
-    """Return the (H, W) mask of the background, which excludes people."""
+    """Return a mask (H, W) of the image outside people's boxes."""
     mask = np.full(shape, 255, np.uint8)
     for xy, sure in zip(found.xy[number], found.confidence[number], strict=True):
         seen = xy[sure > 0] * scale

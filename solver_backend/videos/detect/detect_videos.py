@@ -1,4 +1,4 @@
-"""Detect people in several videos at a time, and track each person from image to image."""
+"""Detect people in several videos at the same time, and track each person from image to image."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ from solver_backend.videos.video_detections import VERSION, VideoDetections, rea
 
 
 def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
-    """Return ``min(N, M)`` pairs (row, column) with the smallest total cost.
+    """Assign rows to columns of a cost matrix (N, M) at the smallest total cost. Return (row, column) pairs.
+
+    There are ``min(N, M)`` pairs.
 
     Reference: Kuhn 1955, Jonker and Volgenant 1987.
     """
@@ -74,7 +76,7 @@ MOST_PEOPLE = 12  # Maximum number of people tracked per image. The most confide
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Track people over F images. Return (F, P) detection and track indices, -1 where missing.
+    """Track people over F images. Return detection indices and track numbers (F, P), -1 where missing.
 
     The similarity between a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over their common keypoints.
     Here d is the distance from the position that the track's velocity predicts, s is the person's size, and κ is
@@ -111,7 +113,7 @@ class _Sight:
         return cls(time_s, person, velocity)
 
     def similarity(self, person: np.ndarray, time_s: float) -> float:
-        """Return the similarity between a person and this track's predicted position, 0 to 1."""
+        """Return the similarity (0 to 1) of a detected person to this track's predicted position."""
         both = (person[:, 2] > 0) & (self.person[:, 2] > 0)
         if both.sum() < 3:
             return 0.0
@@ -123,7 +125,7 @@ class _Sight:
 
 
 def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, new: Iterator[int]) -> list[int]:
-    """Return each person's track number. A person without a track gets the next new number."""
+    """Assign each person to a track. A person without a track gets the next new number."""
     known = list(last)
     similarity = [last[n].similarity(person, time_s) for person in people for n in known]
     similarity = np.reshape(similarity, (len(people), len(known)))
@@ -137,7 +139,7 @@ _POLL_S, _GLANCE_S = 0.2, 2.0  # Seconds between checks of the detectors and bet
 
 @dataclass(frozen=True)
 class Glance:
-    """The most recent image of a video and the people in it, for a preview."""
+    """A video's most recent image and the people in it, for a preview."""
 
     video: Path
     rgb: np.ndarray  # (H, W, 3) uint8 image.
@@ -157,15 +159,16 @@ def detect_videos(
     pictures_fps: float = PICTURES_FPS,
     show: Callable[[Sequence[Glance]], object] = len,
 ) -> list[VideoDetections]:
-    """Detect the people in each video. Videos that have already been processed are skipped.
+    """Detect the people in each video, or read the detections stored by an earlier run.
 
     Each video has its own detector process. Its detections are stored in ``folder`` as soon as they are complete. The
     file name consists of the video name and a hash of the video's bytes and the detector.
 
     Args:
         jobs: number of simultaneous processes, or 0 for one per core. Fewer videos than cores share the cores.
+        again: detect the people again, even if detections are stored.
         cameras: camera names. The default is the video names.
-        show: called now and then with the most recent images.
+        show: called every few seconds with the most recent images.
 
     Raises:
         SameVideoTwice: two videos consist of the same bytes.
@@ -197,7 +200,7 @@ def detect_videos(
 
 
 def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> Path:
-    """Return the path of a video's detections, which depends on the bytes of the video, model and worker.
+    """Return the path of a video's stored detections. It depends on the bytes of video, model and worker.
 
     ``VERSION`` separates them from detections that earlier program versions computed differently.
     """
@@ -287,7 +290,7 @@ def _detected(
 
 
 def _placed(people: list[np.ndarray], place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Arrange the people in each image as (F, P, ...), with NaN for empty places."""
+    """Arrange the detections of each image by track slot as (F, P, ...). Empty slots are NaN."""
     out = np.full((*place.shape, *shape), np.nan)
     for frame, listed in enumerate(people):
         used = place[frame] >= 0

@@ -1,4 +1,4 @@
-"""Choose a detector, run it in a separate process and validate its answers."""
+"""Choose a detector, run it in a separate process, and validate its output."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class AnswerInvalid(ValueError):
 
 
 def read_head(stream: IO[bytes]) -> dict[str, Any]:
-    """Return the JSON object on the next line. Raise ``EOFError`` if the line is truncated."""
+    """Read the next line of a detector's output as a JSON object. Raise ``EOFError`` if it is truncated."""
     line = stream.readline(_LARGEST_HEAD)
     if not line.endswith(b"\n"):
         raise AnswerInvalid("a line is too long") if len(line) == _LARGEST_HEAD else EOFError("a line is cut off")
@@ -67,7 +67,7 @@ def read_head(stream: IO[bytes]) -> dict[str, Any]:
 
 
 def read_arrays(head: dict[str, Any], stream: IO[bytes]) -> dict[str, np.ndarray]:
-    """Return the float32 arrays that a line announces. Raise ``EOFError`` if they are truncated."""
+    """Read the float32 arrays announced in a detector's JSON line. Raise ``EOFError`` if they are truncated."""
     shapes = head.get("arrays")
     if not isinstance(shapes, dict) or len(shapes) > _MOST_ARRAYS:
         raise AnswerInvalid("a line announces no arrays")
@@ -104,7 +104,7 @@ HINT = (
 
 
 def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> dict[str, np.ndarray]:
-    """Validate a detector's arrays, and mark impossible points as missing.
+    """Validate a detector's arrays. Impossible points become NaN with confidence 0.
 
     Args:
         about: description of the detector, or None for a hand detector.
@@ -128,7 +128,7 @@ def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> 
 
 
 def joint_set_of(about: dict[str, Any]) -> JointSet:
-    """Return the joint set given in a detector's description."""
+    """Return the joint set that a detector's description states, or the one that its keypoint count implies."""
     if about.get("joint_set") in list(JointSet):
         return JointSet(about["joint_set"])
     count = about.get("num_keypoints", 0)
@@ -141,14 +141,14 @@ def joint_set_of(about: dict[str, Any]) -> JointSet:
 
 
 def included_model(name: str) -> Path | None:
-    """Return the path of a model included in the extension, or None if there is none."""
+    """Return the path of a model that the extension includes, or None if it cannot be used."""
     path = INCLUDED / name
     return path if path.is_file() and find_spec("ai_edge_litert") is not None else None
 
 
 @dataclass(frozen=True)
 class DetectorChoice:
-    """A detector that can be started."""
+    """A detector and the Python interpreter that runs it."""
 
     module: str  # Module in ``pose_workers``, or the path of a user-written worker (``.py``).
     python: Path
@@ -157,7 +157,7 @@ class DetectorChoice:
 
     @property
     def program(self) -> list[str]:
-        """Arguments that the Python interpreter receives before the options."""
+        """Python arguments that start the detector. The options follow them."""
         return [self.module] if self.module.endswith(WORKER) else ["-m", f"pose_workers.{self.module}"]
 
 
@@ -170,7 +170,7 @@ def chosen_detector(
     worker: Path | None = None,
     environment: Mapping[str, str] = os.environ,
 ) -> DetectorChoice:
-    """Choose a detector by name.
+    """Choose a detector by name or by model file.
 
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX format,
@@ -205,7 +205,7 @@ def chosen_detector(
 
 
 def chosen_hand_detector(model: Path, *, python: Path | None = None) -> DetectorChoice:
-    """Choose MediaPipe's hand model, which LiteRT runs.
+    """Choose MediaPipe's hand model, run by LiteRT.
 
     Args:
         model: ``hand_landmark_full.tflite`` from the npm package @mediapipe/hands.
@@ -232,7 +232,7 @@ def _model(path: Path) -> str:
 
 
 def _described(path: Path) -> dict[str, Any]:
-    """Read a model description from a JSON file. Return it and the path of the model."""
+    """Read a model description from a JSON file, with the path of the model and its possible point counts."""
     description = read_json_file(path, LARGEST_DESCRIPTION)
     name = description.get("model") if isinstance(description, dict) else None
     if not isinstance(name, str) or not name:
@@ -257,7 +257,7 @@ def _mediapipe_python(environment: Mapping[str, str]) -> Path:
 
 
 def _is_set_up(environment: Mapping[str, str]) -> bool:
-    """Return whether MediaPipe has its own Python environment."""
+    """Return whether MediaPipe has a separate Python environment."""
     return bool(environment.get(PYTHON_VARIABLE)) or _MADE.is_file()
 
 
@@ -266,7 +266,7 @@ _ERRORS: dict[str, type[MocapError]] = {kind.code: kind for kind in (DetectorMis
 
 
 class DetectorProcess:
-    """A detector in a separate process, used as a context manager.
+    """A detector that runs in a separate process. Use it as a context manager.
 
     A detector that does not answer in time is restarted once per image.
 
@@ -315,7 +315,7 @@ class DetectorProcess:
         self._close()
 
     def end(self) -> None:
-        """Kill the process. This may be called several times and from another thread."""
+        """Kill the process. Other threads may call this, and more than once."""
         self._ended = True
         self._kill()
 
@@ -352,7 +352,7 @@ class DetectorProcess:
         self._kill()
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return the arrays detected in an (H, W, 3) uint8 image (see ``check_answer``)."""
+        """Run the detector on an image (H, W, 3) uint8. Return its arrays (see ``check_answer``)."""
         for again in (True, False):
             try:
                 with self._within(ANSWER_S):

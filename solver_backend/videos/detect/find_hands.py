@@ -1,4 +1,4 @@
-"""Detect hands in a capture's footage, near the wrists and where other views see them."""
+"""Detect hands in a capture's footage. They are searched near the wrists and where other views see them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _WRIST, _KNUCKLE = 0, 9
 
 
 def first_crop(wrist_px: np.ndarray, elbow_px: np.ndarray, hand_px: float, side: int) -> SquareCrop:
-    """Return the crop of a hand (0 left, 1 right) at the end of a forearm, given (2,) pixels."""
+    """Return the crop for a hand (side 0 left, 1 right) at the end of a forearm, given (2,) pixels."""
     up, length = direction(elbow_px, wrist_px, 1.0)
     # If a forearm points at the camera, the hand is near the wrist in the image, so the crop is centred there.
     forearm = min(1.0, length / (1.3 * hand_px))
@@ -45,7 +45,7 @@ def first_crop(wrist_px: np.ndarray, elbow_px: np.ndarray, hand_px: float, side:
 
 
 def second_crop(points: np.ndarray, side: int) -> SquareCrop:
-    """Return a tighter crop around (21, 2) points, with the middle knuckle above the wrist."""
+    """Return a tighter crop around detected hand points (21, 2), rotated so that the fingers point up."""
     up, _ = direction(points[_WRIST], points[_KNUCKLE], 1.0)
     across = np.array([-up[1], up[0]])
     own = np.stack([points @ across, points @ up], axis=-1)
@@ -62,28 +62,28 @@ def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> Squar
 
 PRESENCE = 0.5  # Smallest presence at which a hand counts as visible, as in MediaPipe.
 PLACED = 0.05  # Smallest presence in a first crop that leads to a second one. The model was trained on better crops.
-AWAY_M = 0.1  # Largest distance between the wrists of hand and arm, in all views or in one. Chosen on two takes.
-ALIKE = 0.1  # If two arms are closer than this, in hand lengths, one crop is enough.
+AWAY_M = 0.1  # Largest distance in metres between the wrists of a detected hand and of the arm. Chosen on two takes.
+ALIKE = 0.1  # Largest distance, in hand lengths, at which the projected and the detected arm need only one crop.
 NEAREST_M = 0.1  # Smallest distance between a hand and a camera, in metres.
 SURE = 0.3  # Smallest confidence of wrist and elbow in a view. Chosen on two takes.
 SIGMA = 0.06  # Standard deviation of a point, relative to the hand length, used to test whether views agree.
 RIGHT, LEAST_TRUST = 0.5, 0.1
-"""If the probability of a right hand is below the first value, the confidence decreases in proportion, down to the
-second value. The back of a hand mistaken for its palm swaps the fingers. Chosen on crossed fingers, see
-docs/research-log/hands.md.
+"""If the probability of a right hand is below the first value, the confidence is multiplied by their ratio, but at
+least by the second value. The probability is low if the back of a hand is mistaken for its palm, which swaps the
+fingers. Chosen on crossed fingers, see docs/research-log/hands.md.
 """
 
 
 @dataclass(frozen=True)
 class HandInCrop:
-    """Result of running the hand network on a crop."""
+    """Output of the hand model for one crop."""
 
     points: np.ndarray  # (21, 2) points in px, either of the crop or of the image.
     presence: float  # Probability that there is a hand, 0 to 1.
     right: float = 1.0  # Probability that it is a right hand, 0 to 1. Left hands are mirrored in their crops.
 
     def counted(self) -> np.ndarray:
-        """Return the (21, 3) points including their confidence."""
+        """Return the points with their confidence (21, 3). It is lower if the hand may be of the other side."""
         trust = self.presence * min(1.0, max(LEAST_TRUST, self.right / RIGHT))
         return np.column_stack([self.points, np.full(len(self.points), trust)])
 
@@ -94,7 +94,7 @@ Each = Callable[[Callable[[int], object], Iterable[int]], Iterable[object]]  # L
 
 @dataclass(frozen=True)
 class Arms:
-    """Elbows and wrists, left side first, over F frames or in one frame."""
+    """Elbows and wrists over F frames or in one frame, left side first."""
 
     places: np.ndarray  # (F, 2, 2, 3) elbow and wrist of each side in metres, NaN if no views agree.
     detected: np.ndarray  # (C, F, 2, 2, 3) pixels and confidence of the same points in each view.
@@ -162,7 +162,7 @@ class _HandSearch:
         return replace(seen, points=crop.in_picture(seen.points))
 
     def twice(self, crop: SquareCrop) -> np.ndarray | None:
-        """Return the (21, 3) hand in a second crop around the points found in the first, or None."""
+        """Detect a hand (21, 3) in a second crop around the points from the first crop, or return None."""
         first = self.once(crop)
         if first.presence < PLACED:
             return None
@@ -170,7 +170,7 @@ class _HandSearch:
         return second.counted() if second.presence >= PRESENCE else None
 
     def at_arm(self, arm: np.ndarray, own: np.ndarray, hand_px: float, before: np.ndarray | None) -> np.ndarray:
-        """Return the (21, 3) hand near its previous position, or at the end of the arm's (2, 2) px."""
+        """Search for a hand (21, 3) at its previous position, then at the end of the arm's pixels (2, 2)."""
         there = np.where(own[:, 2:] >= SURE, own[:, :2], arm)
         alike = float(np.linalg.norm(there - arm, axis=-1).max()) < ALIKE * hand_px
         places = [place for place in ([arm] if alike else [arm, there]) if self.shows(place[1])]
@@ -190,7 +190,7 @@ class _HandSearch:
 
 
 def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, found: np.ndarray) -> None:
-    """Search for a hand in views where it was not found if two others agree on its points."""
+    """Search for a hand in the views without it, at its triangulated position in two or more other views."""
     seen = found[:, 0, 2] > 0
     missing = [view for view in searches if not seen[view]]
     if seen.sum() < 2 or not missing:
@@ -209,7 +209,7 @@ def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, 
 
 
 def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float[np.ndarray, "views 2"]:
-    """Return (C, 2) scale factors from the calibrated images to the footage, or 1 if their aspect ratios differ.
+    """Return scale factors (C, 2) from calibrated images to footage, or 1 if the aspect ratios differ.
 
     Calibrations refer to the displayed or to the stored images. Their aspect ratios differ if pixels are not square.
     """
@@ -225,7 +225,7 @@ def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float
 
 
 def in_footage(cameras: Cameras, arms: Arms, scale: np.ndarray) -> tuple[Cameras, Arms]:
-    """Convert cameras and arms to footage pixels, given a (C, 2) scale."""
+    """Convert cameras and detected arms to footage pixels by scale factors (C, 2)."""
     for view in np.flatnonzero((scale != 1.0).any(axis=1)):
         wide, high = np.round(cameras.image_size[view] * scale[view]).astype(int).tolist()
         cameras = resized(cameras, int(view), (wide, high))
@@ -233,7 +233,7 @@ def in_footage(cameras: Cameras, arms: Arms, scale: np.ndarray) -> tuple[Cameras
 
 
 def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Scale points (C, ..., 3): ``u' + 0.5 = s (u + 0.5)``."""
+    """Scale pixels in points (C, ..., 3): ``u' + 0.5 = s (u + 0.5)``."""
     by = scale.reshape(-1, *(1,) * (points.ndim - 2), 2)
     same = by == 1.0
     moved = np.where(same, points[..., :2], (points[..., :2] + 0.5) * by - 0.5)
@@ -243,8 +243,8 @@ def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
 REACH = 5  # Largest detectable shift of the footage in frames. With larger shifts, the crops miss the hands.
 LEAST_FRAMES = 20  # Minimum number of frames that contain a hand and its wrist. Chosen by hand.
 MOVES, AGREE = 0.5, 0.75
-"""Largest error at the best shift relative to that at the worst shift, and smallest fraction of hands that are closer
-to their wrists after the shift. Chosen by ``python -m tests.benchmarks.hands.late_footage``
+"""Largest ratio of the error at the best shift to the error at the worst shift, and smallest fraction of hands that the
+shift moves closer to their wrists. Chosen by ``python -m tests.benchmarks.hands.late_footage``
 (docs/research-log/hands.md).
 """
 
@@ -252,10 +252,10 @@ to their wrists after the shift. Chosen by ``python -m tests.benchmarks.hands.la
 def footage_shift(
     hands: Float[np.ndarray, "views frames 2 21 3"], wrists: Float[np.ndarray, "views frames 2 3"]
 ) -> int:
-    """Return the footage's delay relative to the detections in frames, or 0 if unknown.
+    """Estimate the footage's delay relative to the detections in frames, or return 0 if it is unknown.
 
-    The delay d minimises the sum ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands in all views, where s is the
-    hand size. A parabola refines it. The median is the constant difference between the two detectors.
+    The delay d minimises ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands h and wrists w in all views, where s is
+    the hand size. A parabola refines it. The median is the constant difference between the two detectors.
     """
     each = [_errors(hands[view, :, side], wrists[view, :, side]) for view in range(len(hands)) for side in (0, 1)]
     errors = np.array([found for found in each if found is not None])
@@ -272,7 +272,7 @@ def footage_shift(
 
 
 def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Float[np.ndarray, "views frames 2 21 3"]:
-    """Shift (C, F, 2, 21, 3) hands to the frames of the detections."""
+    """Shift hands (C, F, 2, 21, 3) by the footage's delay, to the frames of the detections."""
     moved = _unseen(*hands.shape[:3])
     count = hands.shape[1] - abs(shift)
     moved[:, max(-shift, 0) :][:, :count] = hands[:, max(shift, 0) :][:, :count]
@@ -280,7 +280,7 @@ def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Floa
 
 
 def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
-    """Return the distance between a hand and its wrist for each shift, or None if there are too few frames."""
+    """Return the distance between a hand and its wrist for each tested shift, or None for too few frames."""
     frames = np.flatnonzero(hand[:, 0, 2] > 0)
     frames = frames[(frames >= REACH) & (frames < len(hand) - REACH)]
     if len(frames) < LEAST_FRAMES:
@@ -302,12 +302,12 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
 
 _STEP = 25  # Number of frames between progress reports. Chosen by hand.
 AGAIN_S, ENOUGH = 0.05, 2
-"""Seconds between searches for a hidden hand, which cost up to six crops each. Smallest number of views that must show
-a hand before the other views search for it in turn (docs/research-log/hands.md)."""
+"""Seconds between searches for a hidden hand, which need up to six crops each. Number of views with a hand above which
+the other views only search for it in turn (docs/research-log/hands.md)."""
 
 
 def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = silent) -> Capture:
-    """Detect the hands in the footage of a capture.
+    """Detect the hands in a capture's footage, and add them to the keypoints.
 
     Wrists and elbows are triangulated, or lifted if only one view shows the person. They determine the crops in every
     view. A view in which a hand was not found is searched again where two other views agree on it. Footage that is
@@ -357,10 +357,10 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 
 
 def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
-    """Return the (C, 2) mask of the hands that are searched in each view.
+    """Return a mask (C, 2) of the hands to search for in each view, or None for all hands.
 
-    ``before`` contains the (C, 2, 21, 3) hands in the previous frame. If it is None, the result is None and all views
-    search for both hands.
+    ``before`` contains the hands (C, 2, 21, 3) in the previous frame, or is None. A hand that was not detected is only
+    searched every ``every`` frames if ``ENOUGH`` views detected it.
     """
     if before is None or every <= 1:
         return None
@@ -370,14 +370,14 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
 
 
 def seen_by(capture: Capture, least: int) -> dict[str, float]:
-    """For each side, return the percentage of frames in which at least ``least`` views show a hand."""
+    """Return the percentage of frames in which at least ``least`` views show a hand, for each side."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
     return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}
 
 
 def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
-    """Return triangulated or lifted elbows and wrists without gaps, and notes about missing sides."""
+    """Triangulate or lift the elbows and wrists, and interpolate gaps. Also report missing sides."""
     cameras, keypoints = capture.require_views()
     cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not to the world.
     names = keypoints.joint_set.keypoints
@@ -400,7 +400,7 @@ def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
 
 
 def _lifted(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
-    """Return (F, K, 3) keypoints in metres for an average person in front of the only camera."""
+    """Lift a single view to keypoints (F, K, 3) in metres, in camera axes, for a person of average size."""
     view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
     camera, body = cameras.subset([view]), load_body()
     lifted = lift_take(camera, keypoints.views([view]), body, up=camera.R[0, :, 2])
@@ -413,7 +413,7 @@ def _not_found(reason: str, side: int, severity: Severity) -> Diagnostic:
 
 
 def pictures_of(capture: Capture, each: Each = map) -> Iterator[tuple[int, dict[int, np.ndarray]]]:
-    """Yield each frame of the take with the images from its views."""
+    """Yield each frame number of the take, with the image from each view."""
     firsts, waiting = capture.footage_first or (0,) * len(capture.footage), dict[int, Picture]()
     streams = {view: read_pictures(probe(path)) for view, path in enumerate(capture.footage) if path is not None}
     for frame in range(capture.num_frames):

@@ -1,4 +1,4 @@
-"""Track the background in one video, and write the path of its moving camera."""
+"""Track the background of a video from a moving camera, and write the camera's path."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from solver_backend.videos.video_detections import VideoDetections
 
 APART_PX = 7  # Smallest distance in pixels between a new feature and the tracked ones.
 REFILLED = 0.7  # New features are detected if less than this fraction of ``FEATURES`` remains.
-SHORTEST = 8  # Shortest usable track in images. Shorter tracks do not determine a position.
+SHORTEST = 8  # Length of the shortest usable track in images. Shorter tracks do not determine a point's position.
 
 
 def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], progress: Progress = silent) -> Tracks:
-    """Track points in the background around people. Return the tracks in px.
+    """Track background points around people. Return their tracks in px.
 
     Reference: Shi and Tomasi 1994, "Good features to track"; Lucas and Kanade 1981.
     """
@@ -72,7 +72,7 @@ def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], pro
 def follow_camera(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], out: Path, progress: Progress = silent
 ) -> Path | None:
-    """Write a camera's path as a TUM trajectory, or return None if it cannot be determined.
+    """Estimate a moving camera's path and write it as a TUM trajectory, or return None if that fails.
 
     Args:
         camera: the single camera, for its lens.
@@ -96,7 +96,7 @@ def without_camera_motion(
     out: Path,
     progress: Progress = silent,
 ) -> tuple[tuple[VideoDetections, ...], WorldSettings, list[Diagnostic]]:
-    """Remove camera rotation from the detections, or add the path of a moving camera.
+    """Correct the detections for camera rotation, or add the path of a moving camera to the settings.
 
     A path given by the user describes all camera motion. Otherwise, a path is estimated if rotation alone does not
     explain the motion of the background.

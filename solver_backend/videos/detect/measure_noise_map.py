@@ -1,4 +1,4 @@
-"""Measure a detector's standard deviation at each confidence, on captures whose cameras are known."""
+"""Measure a detector's standard deviation as a function of its confidence, on captures with known cameras."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _MEDIAN_OF_SQUARE = 2.0 * np.log(2.0)  # Median squared length of a 2D vector wi
 def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
     """Measure a detector's noise map on captures with calibrated cameras.
 
-    The person first refines the cameras. Then each detection is compared with the prediction from the other views
-    (``predict_views``), and the variance of the prediction is subtracted. The variance in each bin is the median
+    First, the cameras are refined to fit the person. Then each detection is compared with the prediction from the other
+    views (``predict_views``), and the variance of the prediction is subtracted. The variance in each bin is the median
     squared distance divided by 2 ln 2. The variances are pooled so that they decrease with confidence.
 
     Reference: Barlow et al. 1972 (pool adjacent violators).
@@ -47,7 +47,7 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
 
 
 def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
-    """Return confidence (N,) and squared distance (N,) in mm² minus the variance of the prediction."""
+    """Return each detection's confidence (N,) and its squared error (N,) in mm² without the prediction's variance."""
     cameras, keypoints = capture.require_multiview()
     cameras = refined_cameras(cameras, keypoints.xy, keypoints.confidence)
     seen = (keypoints.confidence > 0).astype(float)
@@ -64,7 +64,7 @@ def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pooled(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the closest decreasing sequence."""
+    """Return the non-increasing sequence that is closest to ``values`` in weighted least squares."""
     total, weight = (np.concatenate([[0.0], np.cumsum(part)]) for part in (values * weights, weights))
     first, last = np.triu_indices(len(values))
     mean = np.full((len(values), len(values)), -np.inf)

@@ -38,7 +38,7 @@ AGAIN = "Copy the file from the camera again, or omit this camera."
 
 @contextmanager
 def opened(path: Path) -> Iterator[InputContainer]:
-    """Open a video's container. Raise ``VideoUnreadable`` if that fails."""
+    """Open a video file with PyAV. Raise ``VideoUnreadable`` if that fails."""
     av = library()
     if not path.is_file():
         raise VideoUnreadable("There is no such video.", where=str(path), hint="Check the path.")
@@ -73,11 +73,11 @@ def library() -> Any:
     return av
 
 
-OFF_SHARE = 0.2  # Intervals that deviate from the median by a larger fraction do not count for the frame rate.
+OFF_SHARE = 0.2  # Largest relative deviation from the median at which an interval counts for the frame rate.
 
 
 class TimedPictures:
-    """A sequence of images with presentation times."""
+    """Base class for images with presentation times."""
 
     times_s: np.ndarray
 
@@ -88,20 +88,20 @@ class TimedPictures:
 
     @property
     def fps(self) -> float:
-        """Number of images per second (see ``rate_of``)."""
+        """Frame rate in 1/s (see ``rate_of``)."""
         return rate_of(self.times_s)
 
 
 @dataclass(frozen=True)
 class VideoInfo(TimedPictures):
-    """A video that consists of F images."""
+    """Properties of a video, a recording in chapters, or an image folder, with F images."""
 
     path: Path  # The file, the first of several chapters, or the folder of images.
     size: tuple[int, int]  # Width and height in pixels after rotation, as displayed.
     # pyrefly: ignore[bad-override] - the base class declares what both subclasses have
     times_s: np.ndarray  # (F,) increasing presentation times on the file's clock, in seconds.
     parts: tuple[Path, ...] = ()  # Files in order, see ``parts_of``. Empty if there is only one.
-    timed: bool = True  # True if each decoded image has a time. Otherwise, the images take these times in order.
+    timed: bool = True  # True if each decoded image has its own time. Otherwise, ``times_s`` applies in order.
     stored: tuple[int, int] = (0, 0)  # Stored size (px) after rotation. Differs from ``size`` if pixels are not square.
 
 
@@ -111,7 +111,7 @@ PICTURES_FPS = 30.0  # Frame rate assumed for a folder of images, in 1/s.
 
 
 def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
-    """Return the properties of a video, of the chapters of one recording, or of an image folder.
+    """Read the properties of a video, of a recording in chapters, or of an image folder.
 
     The packets are counted, and only the first image is decoded.
     """
@@ -169,7 +169,7 @@ def _probe_file(path: Path) -> VideoInfo:
 
 
 def rate_of(times_s: np.ndarray) -> float:
-    """Return the frame rate given by increasing times, or 0 if there are fewer than two."""
+    """Return the mean frame rate in 1/s of increasing times, without gaps. It is 0 for fewer than two times."""
     if len(times_s) < 2:
         return 0.0
     gaps = np.diff(times_s)
@@ -183,14 +183,14 @@ aspect ratio: a file that states a more extreme ratio is damaged. Chosen by hand
 
 
 def pixel_aspect(stream: Any) -> Fraction:
-    """Return the aspect ratio (width to height) of a stored pixel, as stated in the video."""
+    """Return the width-to-height ratio of the stored pixels, or 1 if they are square or the ratio is implausible."""
     aspect = stream.sample_aspect_ratio or Fraction(1)
     plausible = abs(aspect - 1) > SQUARE and 1 / LARGEST_ASPECT <= aspect <= LARGEST_ASPECT
     return aspect if plausible else Fraction(1)
 
 
 def quarter_turn(degrees: float) -> int:
-    """Round to a multiple of 90 degrees: 0, 90, 180 or 270."""
+    """Round an angle to the nearest of 0, 90, 180 and 270 degrees."""
     return round(degrees / 90.0) * 90 % 360
 
 
@@ -207,7 +207,7 @@ class Picture:
 
 
 def read_pictures(info: VideoInfo) -> Iterator[Picture]:
-    """Yield the images of a video. Damaged images are skipped, and the others keep their times.
+    """Decode the images of a video one by one. Damaged images are skipped, and the others keep their times.
 
     Raises:
         VideoUnreadable: more than ``LOST_SHARE`` of the images are damaged or missing, or the image size changes.
@@ -252,7 +252,7 @@ Decoded = tuple[float, Callable[[], np.ndarray]]  # Time of an image in s, and a
 
 
 def decoded_pictures(path: Path) -> Iterator[Decoded]:
-    """For each image in a file, yield its time (s) and a function that returns it as (H, W, 3) uint8.
+    """Decode a video file. Yield each image's time (s) and a function that returns the image (H, W, 3) uint8.
 
     Images are rotated and have square pixels, as displayed. Damaged images are skipped.
     """
@@ -297,7 +297,7 @@ def file_hash(path: Path | str) -> str:
 
 
 def recording_hash(parts: Sequence[Path]) -> str:
-    """Return the hash of a recording's files, in order."""
+    """Return the hash of all files of a recording, in order."""
     if len(parts) == 1:
         return file_hash(parts[0])
     return hashlib.blake2b("".join(map(file_hash, parts)).encode(), digest_size=16).hexdigest()
@@ -320,7 +320,7 @@ SILENCE = 1e-5  # Largest RMS value that counts as silence, where full scale is 
 
 @dataclass(frozen=True)
 class Sound:
-    """Mono sound."""
+    """Mono sound track of a video."""
 
     samples: np.ndarray  # (N,) float32 samples, where full scale is 1.
     start_s: float  # Time of the first sample on the clock of the images, in seconds.
@@ -328,7 +328,7 @@ class Sound:
 
 
 def read_sound(path: Path | str) -> Sound:
-    """Return a video's sound in mono. Raise ``VideoWithoutSound`` if there is none."""
+    """Read a video's sound track in mono. Raise ``VideoWithoutSound`` if it is missing or silent."""
     path, parts, start = Path(path), [], None
     hint = "Film with the microphone on, or synchronise by keypoints."
     with opened(path) as container:
@@ -347,7 +347,7 @@ def read_sound(path: Path | str) -> Sound:
 
 
 def write_video(path: Path | str, pictures: Iterable[np.ndarray], fps: float, *, overwrite: bool = False) -> int:
-    """Write (H, W, 3) uint8 images as H.264 in MP4. Return the number of images."""
+    """Write images (H, W, 3) uint8 as H.264 in MP4. Return the number of images."""
     av, count = library(), 0
     with atomic_output(path, overwrite=overwrite) as temporary, av.open(str(temporary), "w", format="mp4") as container:
         stream = None

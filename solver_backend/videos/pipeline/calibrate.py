@@ -36,7 +36,7 @@ _BOARD_FILES = ("board.toml", "charuco.toml")
 
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """A take to calibrate."""
+    """A take to calibrate, and the data that a calibration can use."""
 
     found: FoundFolder
     take: FoundTake
@@ -48,7 +48,7 @@ class CalibrationRequest:
 
 @dataclass(frozen=True)
 class KnownOfCameras:
-    """User-supplied facts about cameras and footage."""
+    """User-supplied facts about the cameras and the footage."""
 
     board: str | None = None  # Board name, see ``board_named``. With None, ``board.toml`` next to the footage is used.
     lenses: Path | None = None
@@ -58,14 +58,14 @@ class KnownOfCameras:
     focal: str = ""  # Focal length of cameras with unknown lenses, see ``find_focal_length``.
 
     def focal_of(self, video: VideoDetections) -> FocalLength:
-        """Return the focal length of a camera whose lens is unknown."""
+        """Find the focal length of a camera without a calibrated lens."""
         return find_focal_length(self.focal, video.video, video.size)
 
 
 def calibration_source(found: FoundFolder, known: KnownOfCameras) -> str:
-    """Return the calibration source for uncalibrated cameras: "board", "lenses" or "person".
+    """Choose how uncalibrated cameras will be calibrated: by "board", "lenses" or "person".
 
-    The first two detect boards in footage, for which they need OpenCV.
+    The first two detect boards in footage, for which they need OpenCV. "lenses" only uses the board for the lenses.
     """
     kinds = {footage.kind for footage in found.footage}
     if kinds.intersection(_PLACES) and known.source != "person":
@@ -77,7 +77,7 @@ def calibration_source(found: FoundFolder, known: KnownOfCameras) -> str:
 def calibrate_take(
     request: CalibrationRequest, known: KnownOfCameras, progress: Progress
 ) -> tuple[str, tuple[Diagnostic, ...]]:
-    """Calibrate a take's cameras and write the result. Return the method and diagnostics.
+    """Calibrate a take's cameras and write the calibration. Return the method and the diagnostics.
 
     The method is board, person or ``ONE_CAMERA``. Board footage from several cameras determines everything. If only
     lens parameters are known or can be found from footage, the person determines the poses. Otherwise, lens parameters
@@ -149,7 +149,7 @@ def _by_one_camera(
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
-    """Return the board footage of the given types for each camera of the take, or {}."""
+    """Find the take's board footage of the given types, by camera name. Return {} if there is none."""
     names = request.take.cameras
     for footage in request.found.footage:
         if footage.kind in kinds:

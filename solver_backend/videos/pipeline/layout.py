@@ -1,4 +1,4 @@
-"""Find takes, calibrations and calibration footage in a folder of videos by the names of its subfolders."""
+"""Find takes, calibrations and board footage in a folder of videos by the names of its subfolders."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _MOST_PICTURE_NAMES = 64  # Maximum number of file names checked for images.
 
 
 def _takes_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
-    """Return the footage in camera folders by take and camera. A single take has the name "".
+    """Group the footage in camera folders by take and camera. A single take has the name "".
 
-    Folders that contain one recording each are camera folders. Folders with camera names may contain several
-    recordings, one per take.
+    If every folder contains one recording, each folder is a camera. If folders have camera names, each may contain
+    several recordings, one per take.
     """
     held = {folder.name: found for folder in folders if (found := _footage_in(folder))}
     if len(held) < 2:
@@ -42,7 +42,7 @@ def _takes_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
 
 
 def _footage_in(folder: Path) -> dict[str, Path]:
-    """Return the recording of each take in a camera folder. OpenCap has one subfolder per take."""
+    """Find each take's recording in a camera folder. OpenCap has one subfolder per take."""
     for place in _folders(folder):
         if place.name.lower() == _SOURCE_FOLDER:
             found = dict(recordings_beside(place))
@@ -75,7 +75,7 @@ _PASSED_OVER = re.compile(r"pose.*|.*_json|detections|mocap.*|demo_.*|kinematics
 
 @dataclass(frozen=True)
 class FoundTake:
-    """A take: simultaneous videos from one or more cameras."""
+    """A take: simultaneous recordings of one or more cameras."""
 
     name: str
     folder: Path
@@ -83,7 +83,7 @@ class FoundTake:
     cameras: tuple[str, ...]  # Camera names, derived from the videos or their folders.
 
     def calibration(self, session: Path) -> Calibration | None:
-        """Return the calibration of this take's cameras, found in its folders or in the session, or None.
+        """Find the calibration of this take's cameras in its folder or in the session, or return None.
 
         Raises:
             CalibrationInvalid, FileDamaged: the nearest calibration is invalid.
@@ -124,7 +124,7 @@ class FoundFolder:
 
 
 def look_through(root: Path) -> FoundFolder:
-    """Find the takes and the calibration footage in a folder.
+    """Find the takes and the board footage in a folder of videos.
 
     A video file, or a folder's only video, is a single-camera take. If there are multi-camera takes, single-camera
     takes are skipped.
@@ -166,7 +166,7 @@ def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
 
 
 def _lone_take(root: Path) -> tuple[FoundTake, ...]:
-    """Return the only video in a folder or its video subfolder as a take, or nothing."""
+    """Return a take for the only video in a folder or in its video subfolder, or nothing."""
     if _is_other(root):
         return ()
     below = {path.name.lower(): path for path in _folders(root)}

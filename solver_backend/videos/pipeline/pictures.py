@@ -1,4 +1,4 @@
-"""Draw an image for each step, and write videos that show the detections."""
+"""Draw an image for each pipeline step, and write preview videos of the detections."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COLOURS = (
 
 
 def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
-    """Arrange images in a grid, each below its title."""
+    """Arrange images with their titles in a grid."""
     canvas, columns = Canvas(), max(1, int(np.ceil(np.sqrt(len(pictures)))))
     width, height = SIDE / columns, SIDE / max(1, int(np.ceil(len(pictures) / columns)))
     for i, (rgb, title) in enumerate(zip(pictures, titles, strict=True)):
@@ -56,7 +56,7 @@ _CHAINS = (
 def write_previews(
     found: Sequence[VideoDetections], folder: Path, progress: Progress = silent, *, overwrite: bool = False
 ) -> list[Path]:
-    """Write a preview of each video to a folder. Return the paths."""
+    """Write a preview video of each video's detections to a folder. Return the paths."""
     written, total, done = [], sum(item.num_frames for item in found), 0
     for item in found:
         path = folder / f"{item.name}_detections.mp4"
@@ -78,7 +78,7 @@ def _drawn(item: VideoDetections) -> Iterator[np.ndarray]:
 
 
 def draw_people(rgb: np.ndarray, item: VideoDetections, frame: int, step: int = 1) -> np.ndarray:
-    """Draw the people in a frame onto an image that contains every ``step``-th pixel of the video."""
+    """Draw a frame's skeletons onto an image that contains every ``step``-th pixel of the video."""
     for slot in np.flatnonzero(item.track[frame] >= 0):
         colour = PEOPLE_COLOURS[item.track[frame, slot] % len(PEOPLE_COLOURS)]
         _person(rgb, item.joint_set, item.xy[frame, slot] / step, item.confidence[frame, slot], colour)
@@ -103,7 +103,7 @@ def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) 
     rgb[y[inside], x[inside]] = colour
 
 
-LOOKED_AT = 240  # One of this many first images is shown, because reading to the middle of a long video takes time.
+LOOKED_AT = 240  # Number of first images from which one is shown. Later ones in a long video take time to reach.
 SHOWN_S = 12.0  # Length of the speed curves in seconds.
 _LEFT, _TOP, _RIGHT = 40, 30, 190  # Margins around the speed curves in px. The right margin contains the camera names.
 _TICKS_S, _MOST_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0), 13
@@ -111,7 +111,7 @@ _WEDGE = 90.0  # Length of the wedge that shows a camera's field of view in the 
 
 
 def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
-    """Draw one image from each video and the people in it. Return the path."""
+    """Draw one image of each video with its detected people. Return the path of the drawing."""
     drawn, titles = [], []
     for item in found:
         sure = item.confidence[:LOOKED_AT].mean(-1).max(-1) if item.confidence.size else np.zeros(1)
@@ -125,7 +125,7 @@ def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
 
 
 def glances_picture(glances: Sequence[Glance], path: Path, names: Mapping[Path, str]) -> Path:
-    """Draw the most recent images and the people detected in them. Return the path."""
+    """Draw the most recent image of each video with its detected people. Return the path of the drawing."""
     drawn = []
     for glance in glances:
         step = max(1, min(glance.rgb.shape[:2]) // 540)
@@ -138,13 +138,13 @@ def glances_picture(glances: Sequence[Glance], path: Path, names: Mapping[Path, 
 
 
 def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:
-    """Draw the board positions in all views side by side. Return the path."""
+    """Draw the board coverage images of all cameras side by side. Return the path of the drawing."""
     there = [name for name in names if (folder / f"{name}.png").is_file()]
     return mosaic([read_png(folder / f"{name}.png") for name in there], there).save(path)
 
 
 def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path) -> Path:
-    """Draw the limb speeds in each view before and after synchronisation. Return the path."""
+    """Draw the limb speeds in each view before and after synchronisation. Return the path of the drawing."""
     curves = []
     for c, item in enumerate(found):
         if item.num_frames < 2:
@@ -185,7 +185,7 @@ def _curves(
 
 
 def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
-    """Draw the cameras and the person's path from above. Return the path of the image file.
+    """Draw the cameras and the person's path from above. Return the path of the drawing.
 
     Args:
         walked: (F, 3) positions of the person in metres, NaN where unknown.
@@ -226,7 +226,7 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
 
 
 def check_picture(names: Sequence[str], check: CalibrationCheck, path: Path) -> Path:
-    """Draw how each camera's error varies over the image and over the take. Return the path."""
+    """Draw each camera's error over image regions and over time. Return the path of the drawing."""
     canvas, rows = Canvas(), len(names)
     height = min(150.0, (SIDE - 60) / rows)
     most = max(2.0 * check.all_px, 1.0)

@@ -43,7 +43,7 @@ class TakePlan:
 
 
 def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
-    """Plan every take. If there are several takes, each gets its own folder."""
+    """Plan the steps of every take. Several takes get one output folder each."""
     plans, several = [], len(found.takes) > 1
     for take in found.takes:
         folder, calibration, problem = out / take.name if several else out, None, ""
@@ -58,7 +58,7 @@ def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
 def described(
     found: FoundFolder, plans: list[TakePlan], detector: str, sync: str, until: str, known: KnownOfCameras
 ) -> list[str]:
-    """Describe the plan in lines of text."""
+    """Describe the planned steps of all takes as lines of text, for a dry run."""
     lines = [f"{found.root}: {len(plans)} take{'s' * (len(plans) > 1)}"]
     for footage in found.footage:
         lines.append(f"  board footage  {footage.kind} of {len(footage.cameras)} cameras in {footage.folder.name}")
@@ -99,7 +99,7 @@ def _calibration_words(plan: TakePlan, found: FoundFolder, known: KnownOfCameras
 
 @dataclass(frozen=True)
 class PipelineSettings:
-    """Settings for all steps."""
+    """Settings for all steps from videos to a motion."""
 
     detector: DetectorChoice  # Keypoint detector.
     sync: str = "auto"  # Method of synchronising the clocks, see ``synchronise``.
@@ -119,7 +119,7 @@ _BEGUN = ""  # Stored instead of a hash while an output is unfinished.
 
 
 class Records:
-    """Records which inputs a take's results were computed from. They are stored in the same folder."""
+    """Input hashes of a take's results, stored next to them. A result with equal inputs is reused."""
 
     def __init__(self, folder: Path) -> None:
         self._path, kept = folder / NAME, None
@@ -129,11 +129,11 @@ class Records:
         self._keys = {str(k): str(v) for k, v in kept.items()} if isinstance(kept, dict) else {}
 
     def is_made(self, output: Path, made_of: Any) -> bool:
-        """Return whether an output exists that was computed from these JSON values."""
+        """Return whether an output exists and was computed from these inputs (JSON values)."""
         return output.is_file() and self._keys.get(output.name) == key_of(made_of)
 
     def is_ours(self, output: Path) -> bool:
-        """Return whether this pipeline wrote an output and may therefore replace it."""
+        """Return whether the pipeline wrote an output, so that it may replace it."""
         return output.name in self._keys
 
     @contextmanager
@@ -155,7 +155,7 @@ class Records:
             self.made(output, made_of)
 
     def made(self, output: Path, made_of: Any) -> None:
-        """Record the inputs that an output was computed from."""
+        """Record the inputs (JSON values) of an output."""
         self._keys[output.name] = key_of(made_of)
         self._write()
 
@@ -173,7 +173,7 @@ FORMAT, VERSION = "manifold_mocap_road", 2  # Version 2 stores ``diagnostics`` w
 
 
 class Steps:
-    """Finished steps of one take. They are written to ``road.json`` after each step."""
+    """Finished steps of one take. ``road.json`` is updated after each step."""
 
     def __init__(self, folder: Path, take: str) -> None:
         self._folder, self._take = folder, take
@@ -181,7 +181,7 @@ class Steps:
         self._rows: dict[str, dict[str, object]] = {}
 
     def report(self, step: str, state: str, found: Iterable[Diagnostic], pictures: Iterable[Path] = ()) -> None:
-        """Add the report of a step, together with those of its images that exist."""
+        """Add a finished step with its diagnostics and its drawings, and write ``road.json``."""
         self._found[step] = tuple(found)
         listed = [item.as_dict() for item in self._found[step]]
         drawn = [path.relative_to(self._folder).as_posix() for path in pictures if path.is_file()]
@@ -190,14 +190,14 @@ class Steps:
         write_text(self._folder / ROAD_FILE, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=True)
 
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Return all diagnostics without duplicates."""
+        """Return the diagnostics of all steps without duplicates."""
         return merge(item for step in STEPS for item in self._found.get(step, ()))
 
     def as_list(self) -> list[dict[str, object]]:
-        """Return the steps in order, as JSON values."""
+        """Return the finished steps in order, as JSON values."""
         return [self._rows[step] for step in STEPS if step in self._rows]
 
     def lines(self) -> dict[str, str]:
-        """Return one line of text per step."""
+        """Return a line of text for each finished step."""
         done = [step for step in STEPS if step in self._rows]
         return {step: f"{self._rows[step]['state']}: {' '.join(map(sentence, self._found[step]))}" for step in done}

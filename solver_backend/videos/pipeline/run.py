@@ -1,4 +1,4 @@
-"""Run the steps from videos to a motion. Results whose inputs are unchanged are reused."""
+"""Run the steps from videos to a motion. A result is reused if its inputs are unchanged."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ from solver_backend.videos.sync.synchronise import synchronise
 from solver_backend.videos.video_detections import VERSION
 
 T = TypeVar("T")
-FOUND_SHARE = 0.5  # Smallest fraction of images with a person that causes no warning. Chosen by hand.
+FOUND_SHARE = 0.5  # Fraction of images with a person below which to warn. Chosen by hand.
 
 
 def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagnostic]:
-    """Report the fraction of frames in which each hand is visible in two views, or in the only view."""
+    """Report the percentage of frames in which two views (or the only view) show each hand."""
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
     shares, views = seen_by(capture, capture.least_views), "one" if capture.least_views == 1 else "two"
@@ -58,13 +58,13 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
-    """Return what a hand detector adds to the recorded inputs of a capture."""
+    """Return the hand detector's part of a capture's recorded inputs."""
     model = None if detector is None else Path(str(detector.options["model"]))
     return [] if model is None else [f"hands by {model.name}, {model.stat().st_size} bytes"]
 
 
 def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress = silent) -> Steps:
-    """Run the steps for one take. ``road.json`` and images are written after each step."""
+    """Run the steps for one take. After each step, ``road.json`` and a drawing are written."""
     check_output(plan.output("capture"), overwrite=True)
     run = _TakeRun(found, plan, settings, progress)
     for step in STEPS[: STEPS.index(settings.until) + 1]:
@@ -73,7 +73,7 @@ def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, pro
 
 
 class _TakeRun:
-    """The state of one take, with one method per step in the order of ``STEPS``."""
+    """Runs the steps of one take. It has one method per step in ``STEPS``."""
 
     def __init__(self, found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress) -> None:
         self._found, self._plan, self._settings, self._progress = found, plan, settings, progress
@@ -108,7 +108,7 @@ class _TakeRun:
         self.steps.report("detect", "kept" if kept else "made", found, [drawn])
 
     def _show(self, glances: Sequence[Glance], path: Path) -> None:
-        """Draw the most recent images. If a preview cannot be written, the detection continues."""
+        """Draw a preview of the detection. If it cannot be written, the detection continues."""
         with suppress(MocapError):
             self._records.made(path, "unfinished")
             names = dict(zip(self._plan.take.videos, self._plan.take.cameras, strict=True))
@@ -167,7 +167,7 @@ class _TakeRun:
         return [diagnostic("cameras_fit_take", size=check.all_px, best=check.refined_px), *check.diagnostics]
 
     def _of_one(self) -> KnownOfOne:
-        """Return the known facts for solving a single video."""
+        """Return the known facts for a take with a single video. For several videos, they are empty."""
         plan, cameras = self._plan, self._settings.cameras
         if len(plan.take.videos) > 1:
             return KnownOfOne()
@@ -193,7 +193,7 @@ class _TakeRun:
         return motion
 
     def _kept_calibration(self) -> Calibration | None:
-        """Return the take's own or an earlier calibration, unless the user requested a new one."""
+        """Return the calibration to reuse: the user's or an earlier one. None if a new one is needed."""
         plan, source, made = self._plan, self._settings.cameras.source, self._plan.output("calibrate")
         if source == "auto" and plan.calibration is not None:
             return plan.calibration

@@ -1,1 +1,1 @@
-"""Detect people in live camera images, and record the results."""
+"""Detect people in live camera images, and record the result."""

@@ -1,4 +1,4 @@
-"""Read live cameras, or videos in their place, and group their newest detections by time."""
+"""Read live cameras or replayed videos, and group simultaneous detections."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from solver_backend.videos.files.video import VideoUnreadable, decoded_pictures,
 
 @dataclass(frozen=True)
 class LivePicture:
-    """An image from one camera, decoded on demand."""
+    """An image from a live camera, decoded on demand."""
 
     number: int  # Index of the image.
     time_s: float  # Time in seconds on the clock that all cameras share.
@@ -35,21 +35,21 @@ class LivePicture:
 
 
 class PictureSource(Protocol):
-    """A camera, or a video that takes its place."""
+    """Interface of live cameras and replayed videos."""
 
     name: str
     size: tuple[int, int]  # Width and height in pixels, known after opening.
     fps: float  # Images per second, known after opening.
 
     def open(self) -> None:
-        """Connect. Raise ``MocapError`` if the camera is not available."""
+        """Connect to the camera. Raise ``MocapError`` if it is not available."""
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield images as they arrive until the source ends. Times are on a clock that is 0 at ``start``."""
+        """Yield images as they arrive, until the source ends. Their times are 0 at ``start``."""
         ...
 
     def close(self) -> None:
-        """Stop. This may be called several times, and from another thread."""
+        """Stop the source. Other threads may call this, and more than once."""
 
 
 SIZE, FPS = (1280, 720), 30.0  # Requested image size and rate of a webcam. The actual ones may differ.
@@ -58,7 +58,7 @@ _FORMATS = {"linux": ("v4l2", "/dev/video{}"), "darwin": ("avfoundation", "{}"),
 
 
 class Webcam:
-    """A camera identified by its number. Images are stamped with their arrival times."""
+    """A webcam, identified by its number. Each image gets its arrival time."""
 
     def __init__(self, name: str, index: int) -> None:
         self.name, self.index = name, index
@@ -67,7 +67,7 @@ class Webcam:
         self._close: Callable[[], Any] = lambda: None
 
     def open(self) -> None:
-        """Connect. Raise ``VideoUnreadable`` if there is no such camera."""
+        """Connect to the webcam. Raise ``VideoUnreadable`` if there is none with this number."""
         try:
             import cv2
         except ModuleNotFoundError:
@@ -113,7 +113,7 @@ class Webcam:
         self._next, self._close = read, container.close
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield images as they arrive, until the camera is unplugged."""
+        """Yield images as they arrive, until the webcam is unplugged."""
         number = 0
         while self._next is not None and (rgb := self._next()) is not None:
             arrived = time.perf_counter()
@@ -121,7 +121,7 @@ class Webcam:
             number += 1
 
     def close(self) -> None:
-        """Release the camera."""
+        """Release the webcam."""
         self._next = None
         self._close()
 
@@ -132,7 +132,7 @@ def _missing(index: int) -> VideoUnreadable:
 
 
 class ReplayedVideo:
-    """A video file that is played once or repeatedly."""
+    """A video file that is played in real time, once or repeatedly."""
 
     def __init__(self, name: str, path: Path, *, repeat: bool = False) -> None:
         self.name, self.path = name, path
@@ -140,7 +140,7 @@ class ReplayedVideo:
         self._repeat, self._closed = repeat, threading.Event()
 
     def open(self) -> None:
-        """Read the properties of the video."""
+        """Read the size, frame rate and duration of the video."""
         info = probe(self.path)
         self.size, self.fps, self._first_s = info.size, info.fps, float(info.times_s[0])
         self._length_s = float(info.times_s[-1] - info.times_s[0]) + 1.0 / max(info.fps, 1.0)
@@ -170,7 +170,7 @@ MakeDetector = Callable[[], AbstractContextManager[PoseDetector]]  # Creates the
 
 
 class LiveView:
-    """A camera and its detector. Hold the condition while reading its fields."""
+    """A camera and its detector, each in its own thread. Acquire ``changed`` before reading the fields."""
 
     def __init__(self, source: PictureSource, make: MakeDetector, changed: threading.Condition) -> None:
         self.source, self._make, self.changed = source, make, changed
@@ -178,26 +178,26 @@ class LiveView:
         self.about: dict[str, Any] = {}  # Description of the detector, or {} until it is ready.
         self.busy = False  # True while an image is being processed.
         self.used = -1  # Number of the most recently requested moment.
-        self.answer: tuple[int, np.ndarray] | None = None  # Number of the most recent moment, and its (P, K, 3) people.
+        self.answer: tuple[int, np.ndarray] | None = None  # Number of the last detected moment, and people (P, K, 3).
         self.failure: MocapError | None = None  # Reason if the view ended early.
         self.ended = False
         self._asked: queue.SimpleQueue[tuple[int, LivePicture] | None] = queue.SimpleQueue()
 
     def make_ready(self) -> None:
-        """Start the detector."""
+        """Start the detector in a thread."""
         threading.Thread(target=self._detect, name=f"detect {self.source.name}", daemon=True).start()
 
     def begin(self, start: float) -> None:
-        """Start reading images on a clock that is 0 at ``start``."""
+        """Start reading images in a thread. Their times are 0 at ``start``."""
         threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
 
     def ask(self, moment: int, picture: LivePicture) -> None:
-        """Request detection in an image. The caller must hold the condition."""
+        """Request the detection of an image. The caller must hold the condition ``changed``."""
         self.busy, self.used = True, moment
         self._asked.put((moment, picture))
 
     def stop(self) -> None:
-        """Stop both threads, without waiting for the work in progress."""
+        """Stop both threads, without waiting for detections in progress."""
         with self.changed:
             self.ended = True
             self.changed.notify_all()
@@ -249,18 +249,18 @@ class LiveView:
 
 FEWEST = 2  # Minimum number of views needed for triangulation.
 _NEW = 0.2  # Weight of a new duration in the running mean.
-_EASY = 0.8  # A view is added if the predicted duration is at most this fraction of the interval.
+_EASY = 0.8  # Largest predicted duration at which a view is added, relative to the interval.
 
 
 class ViewBudget:
-    """Number of views to process at a time. Initially all views are processed."""
+    """Number of views that can be processed in time. It starts with all views and adapts to the speed."""
 
     def __init__(self, views: int, interval_s: float) -> None:
         self.most, self.interval_s, self.count = views, interval_s, views
         self._usual_s: float | None = None
 
     def took(self, count: int, seconds: float) -> None:
-        """Update the mean time that detection takes in this many views."""
+        """Update the mean detection time for this number of views, and adapt the number of views."""
         if count != self.count:
             return
         before = self._usual_s
@@ -287,7 +287,7 @@ _LOOK_S = 0.05  # Longest uninterrupted wait in seconds.
 
 @dataclass
 class MomentCounts:
-    """Numbers of processed moments and views."""
+    """Numbers of processed and skipped moments and views."""
 
     moments: int = 0
     dropped: int = 0  # Number of filmed moments that were not processed.
@@ -295,7 +295,7 @@ class MomentCounts:
 
 
 class LiveMoments:
-    """Live cameras and their detectors, as a context manager that stops them."""
+    """Live cameras and their detectors. The context manager opens and stops them."""
 
     def __init__(self, sources: Sequence[PictureSource], make: MakeDetector, rate_hz: float = RATE_HZ) -> None:
         self._changed = threading.Condition()
@@ -366,7 +366,7 @@ class LiveMoments:
                 yield found
 
     def _ask(self, *, wait: bool) -> tuple[dict[int, LivePicture], float] | None:
-        """Request detection of the next moment. Return its images by view, and its time.
+        """Request the detection of the next moment. Return its images by view, and the time of the request.
 
         Return None if there is no new moment yet, or if a camera event must be reported first.
         """
@@ -390,7 +390,7 @@ class LiveMoments:
             return chosen, time.perf_counter()
 
     def _chosen(self, now: float) -> dict[int, LivePicture]:
-        """Return the images of the next moment by view. The view that has waited longest comes first."""
+        """Select simultaneous images for the next moment, by view. Views that have waited longest have priority."""
         there = [c for c, view in enumerate(self.views) if view.newest and not view.ended]
         prompt = [c for c in there if now - self.views[c].newest[-1].arrived < STALL_S + self._interval_s]
         idle = sorted((c for c in prompt if not self.views[c].busy), key=lambda c: self.views[c].used)
@@ -432,7 +432,7 @@ class LiveMoments:
         return [view for view in known if now - view.newest[-1].arrived > BEHIND_S]
 
     def _events(self) -> Iterator[EventLine]:
-        """Yield an event for each camera that has failed or fallen behind since the last call."""
+        """Yield an event for each camera that has newly failed or fallen behind."""
         failed = {view.source.name: view.failure.message for view in self.views if view.failure is not None}
         for name in [name for name in failed if name not in self._named]:
             self._named.add(name)
@@ -447,7 +447,7 @@ class LiveMoments:
             yield event_line("camera_behind", f"{message} read fast enough.")
 
     def require_views(self) -> None:
-        """Raise an error if fewer than two cameras remain."""
+        """Raise ``TooFewViews`` if cameras failed and fewer than two remain."""
         failed = [view for view in self.views if view.failure is not None]
         if failed and len(self.views) - len(failed) < FEWEST:
             names = ", ".join(view.source.name for view in failed)

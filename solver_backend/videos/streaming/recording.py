@@ -1,4 +1,4 @@
-"""Record live cameras. At the end, write a capture of the keypoints and a motion."""
+"""Record live cameras, and write the recording as a capture and a motion."""
 
 from __future__ import annotations
 
@@ -27,11 +27,10 @@ _TURNS = 3 * (1 + NUM_BODY_JOINTS)  # Rotation values per pose: rotation vectors
 
 @dataclass(frozen=True)
 class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]]):
-    """Recording of live cameras, which becomes ``TAKE.npz`` and ``TAKE_live.npz``.
+    """Recording of live cameras. It becomes the capture ``TAKE.npz`` and the motion ``TAKE_live.npz``.
 
-    The first file is a capture of the keypoints at a constant rate. The second contains the live poses in the same
-    frames, from which a solve can start. Every row includes the current camera poses, because the world may be
-    determined late.
+    The capture contains the keypoints at a constant rate. The motion contains the live poses in the same frames, from
+    which a solve can start. Every row includes the current camera poses, because the world may be determined late.
     """
 
     pieces: ClassVar[str] = "moments"
@@ -39,7 +38,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
     source: str = ""
 
     def head(self) -> bytes:
-        """Return the header line, which describes cameras, keypoints and body."""
+        """Return the header line of the recording file. It describes cameras, keypoints and body."""
         assert self.session is not None
         cameras = self.session.cameras
         arrays = {key: getattr(cameras, key).tolist() for key in ("K", "distortion", "image_size")}
@@ -48,7 +47,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
         return recordings.pack_head(_FORMAT, _VERSION, body=body, source=self.source, joint_set=joint_set, **described)
 
     def encode(self, moment: ViewMoment, line: FrameLine | None) -> bytes:
-        """Encode a moment and its result as a row. The result may be None."""
+        """Encode a moment and its live pose as a row. Without a pose, its values are NaN."""
         session = self.session
         assert session is not None
         cameras, count = session.cameras, session.joint_set.num_keypoints
@@ -61,7 +60,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
         return recordings.pack_row([moment.time], moment.times, cameras.R, cameras.t, pose, who, *seen)
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write the capture and the live motion. Nothing is written if no person was seen."""
+        """Convert a recording file to the capture and the live motion. Return whether it contains a person."""
         head, rows = recordings.read_rows(recording, _FORMAT, _VERSION, lambda head: sum(_widths(head)))
         rows = recordings.ascending_rows(rows, recording) if len(rows) else rows
         parts = np.split(rows, np.cumsum(_widths(head))[:-1], axis=1) if len(rows) else [np.zeros((0, 1))] * 8
@@ -90,7 +89,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
 def run_recorded(
     session: ViewsSession, moment: ViewMoment, recorder: recordings.Recorder[[ViewMoment, FrameLine | None]] | None
 ) -> list[LiveLine]:
-    """Record a moment, and return the session's result for it."""
+    """Run the session on a moment, and record the moment and its pose. Return the session's lines."""
     lines = list(session.run([moment]))
     if recorder is not None:
         recorder.add(moment, next((line for line in lines if "event" not in line), None))
@@ -98,7 +97,7 @@ def run_recorded(
 
 
 def motion_of(capture: Path) -> Path:
-    """Return the path of the live poses that belong to a recorded capture."""
+    """Return the path of the live motion that belongs to a recorded capture."""
     return capture.with_name(f"{capture.stem}_live.npz")
 
 
@@ -117,7 +116,7 @@ def _cameras(head: dict[str, Any], R: np.ndarray, t: np.ndarray) -> Cameras:
 def _view(
     seen_s: np.ndarray, xy: np.ndarray, confidence: np.ndarray, frames: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Resample one view at regular times. Return (F, K, 2) pixels and (F, K) confidence."""
+    """Resample one view at regular times. Return pixels (F, K, 2) and confidences (F, K)."""
     there = np.flatnonzero(np.isfinite(seen_s))
     there = there[np.concatenate([[True], np.diff(seen_s[there]) > 1e-4])] if len(there) else there
     placed = partial(at_times, times_s=seen_s[there], wanted_s=frames)

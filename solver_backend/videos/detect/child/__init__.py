@@ -1,1 +1,1 @@
-"""Folder in which a detector process finds its package. See ``pose_workers``."""
+"""Folder that a detector process adds to its Python path, to import ``pose_workers``."""

@@ -1,4 +1,4 @@
-"""Crop squares from images for detectors and the hand search, and measure the overlap between boxes."""
+"""Crop squares from images, and measure the overlap between boxes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class SquareCrop:
-    """Similarity transform ``x_picture = A x_crop + b`` in pixels."""
+    """A square crop of an image. Pixels convert by the similarity ``x_picture = A x_crop + b``."""
 
     A: np.ndarray
     b: np.ndarray
@@ -21,7 +21,7 @@ class SquareCrop:
         """Return a crop with a given centre, up direction and side length in image pixels.
 
         Args:
-            side: side length of the crop in pixels.
+            side: side length of the crop in its own pixels.
             centre: coordinate of the centre within the crop.
         """
         right = np.array([up[1], -up[0]] if mirrored else [-up[1], up[0]])
@@ -29,10 +29,10 @@ class SquareCrop:
         return cls(A, middle - A @ np.full(2, centre))
 
     def cut(self, rgb: np.ndarray, side: int, black_from: float | None) -> np.ndarray:
-        """Return the (side, side, 3) float32 crop, 0 to 255, sampled with bilinear interpolation.
+        """Sample the crop (side, side, 3) float32, 0 to 255, by bilinear interpolation.
 
         Args:
-            black_from: distance in px beyond the image edge at which black begins. None repeats the edge pixels.
+            black_from: distance in px from the image edge to the black area outside. None repeats the edge pixels.
         """
         high, wide = rgb.shape[:2]
         step = np.arange(side, dtype=np.float32)
@@ -66,13 +66,13 @@ class SquareCrop:
 
 
 def direction(start: np.ndarray, end: np.ndarray, least: float) -> tuple[np.ndarray, float]:
-    """Return the unit direction and distance from one (2,) pixel to another. If they are too close, it points up."""
+    """Return the unit direction and distance between two pixels (2,). If they are too close, it points up."""
     length = float(np.hypot(*(end - start)))
     return (end - start) / length if length > least else np.array([0.0, -1.0]), length
 
 
 def overlap(box: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """Return the overlap (intersection over union) between a box (x0, y0, x1, y1) and each of (N, 4) boxes."""
+    """Return the intersection over union of a box (x0, y0, x1, y1) and each of N boxes (N, 4)."""
     shared = np.maximum(np.minimum(box[2:], boxes[:, 2:]) - np.maximum(box[:2], boxes[:, :2]), 0.0).prod(axis=1)
     own, others = (box[2:] - box[:2]).prod(), (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
     return shared / np.maximum(own + others - shared, 1e-9)

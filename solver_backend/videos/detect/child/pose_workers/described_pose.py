@@ -40,7 +40,7 @@ HINT = "See docs/how-to/add-a-detector.md, which has a complete example."
 
 
 def read_description(given: dict[str, Any]) -> dict[str, Any]:
-    """Check a description and fill in its defaults. Raise ``Refused`` if a field is invalid."""
+    """Validate a model description and fill in its defaults. Raise ``Refused`` if a field is invalid."""
     unknown = sorted(set(given) - {*REQUIRED, *DEFAULTS})
     missing = [name for name in REQUIRED if name not in given]
     if unknown or missing:
@@ -75,7 +75,7 @@ def _refused(message: str) -> Refused:
 
 
 def heat_peaks(heat: np.ndarray, size: tuple[int, int], *, udp: bool) -> np.ndarray:
-    """Return (K, 3) x, y and score from (K, h, w) heat maps of an image whose ``size`` is (width, height).
+    """Find the peak (x, y, score) of each of K heat maps (K, h, w) for an image of the given width and height.
 
     The peak is the vertex of the parabola through the logarithms of the maximum and its neighbours, which is exact for
     a Gaussian.
@@ -101,7 +101,7 @@ def heat_peaks(heat: np.ndarray, size: tuple[int, int], *, udp: bool) -> np.ndar
 
 
 class DescribedPose(TopDown):
-    """Detects people with a model that a description file describes."""
+    """Detects people with a pose model that a user's JSON file describes."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         described, path = read_description(options["description"]), Path(options["model"])
@@ -153,7 +153,7 @@ class DescribedPose(TopDown):
         return points
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return keypoints (see ``PoseDetector``)."""
+        """Detect the keypoints of all people (see ``PoseDetector``)."""
         return {"keypoints": self.people(rgb)}
 
 

@@ -14,7 +14,7 @@ from .serve import THREADS, Refused, serve
 
 
 def open_interpreter(content: bytes) -> Any:
-    """Create a LiteRT interpreter for a model."""
+    """Create a LiteRT interpreter for the bytes of a model. Raise ``Refused`` if that fails."""
     try:
         from ai_edge_litert.interpreter import Interpreter
     except ImportError as error:
@@ -34,10 +34,10 @@ LICENCE = "Apache-2.0"  # Licence of all known models.
 
 
 class LiteRtModel:
-    """A model with a single input tensor. Only files with a known SHA-256 hash are accepted."""
+    """A MediaPipe model with a single input tensor. Its SHA-256 hash must be known."""
 
     def __init__(self, path: Path, known: dict[str, str], package: str, widths: list[int]) -> None:
-        """Load a model. ``widths`` are the expected numbers of elements in its first outputs."""
+        """Load a model, and check that its first outputs have the numbers of elements in ``widths``."""
         content = path.read_bytes()
         digest = hashlib.sha256(content).hexdigest()
         if digest not in known:
@@ -54,7 +54,7 @@ class LiteRtModel:
             raise Refused("detector_outputs_unknown", message)
 
     def run(self, picture: np.ndarray) -> list[np.ndarray]:
-        """Run the model on an (h, w, 3) image of its input size and value range, and return the outputs."""
+        """Run the model on an (h, w, 3) image in its input size and value range. Return the outputs."""
         self._model.set_tensor(self._into, np.ascontiguousarray(picture[None], np.float32))
         self._model.invoke()
         return [np.asarray(self._model.get_tensor(index))[0] for index in self._out]
@@ -70,13 +70,13 @@ _GROWN = 1.25  # Side length of the square in circle diameters.
 
 
 def whole_picture(rgb: np.ndarray) -> SquareCrop:
-    """Return the square that covers the whole image, for the person detector."""
+    """Return the square around the whole image, for the person detector."""
     middle = 0.5 * np.array(rgb.shape[1::-1], np.float64)
     return _square(middle, np.array([0.0, -1.0]), float(max(rgb.shape[:2])), DETECTOR_SIDE)
 
 
 def aligned(hips: np.ndarray, top: np.ndarray, side: int) -> SquareCrop:
-    """Return the square around the hips that is aligned with the body's up direction. Points are (2,) px."""
+    """Return the square around a person's hips, rotated to the body's up direction. Points are (2,) px."""
     up, radius = direction(hips, top, 1e-6)
     return _square(hips, up, _GROWN * 2.0 * max(radius, 4.0), side)
 
@@ -86,7 +86,7 @@ def _square(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> Squ
 
 
 def found_people(boxes: np.ndarray, scores: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the hips and top (2,) of each person in detector pixels, most likely first.
+    """Decode detected people: hips and top (2,) in the detector's pixels, most likely person first.
 
     The points of overlapping boxes are averaged, weighted by score.
 
@@ -161,7 +161,7 @@ class LiteRtPose:
         self.about = {"name": f"litert {name}", "licence": LICENCE, "joint_set": "MEDIAPIPE_33", "people": self._people}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return keypoints (see ``PoseDetector``)."""
+        """Detect the keypoints of all people (see ``PoseDetector``)."""
         people: list[np.ndarray] = []
         squares, self._squares = self._squares, []
         for square in squares:
@@ -175,7 +175,7 @@ class LiteRtPose:
         return {"keypoints": np.stack(people) if people else np.zeros((0, NUM_POINTS, 3))}
 
     def _look(self, rgb: np.ndarray, square: SquareCrop, people: list[np.ndarray]) -> None:
-        """Add the person in a square unless that person was already found, and store the square for the next image."""
+        """Add the person in a square to ``people`` unless already found. Store the square for the next image."""
         points, presence, _, heat, *_ = self._landmarks.run(square.cut(rgb, SIDE, None) / np.float32(255.0))
         if float(presence[0]) < _PRESENT:
             return
@@ -192,7 +192,7 @@ class LiteRtPose:
 
 
 def refined(points: np.ndarray, heat: np.ndarray) -> np.ndarray:
-    """Move (39, 2) points to the mean of their (64, 64, 39) heat maps where the heat is high enough."""
+    """Move points (39, 2) to the centroid of their heat maps (64, 64, 39) where the heat is high enough."""
     cell = np.floor(points * (_HEAT / SIDE)).astype(int)
     around = np.arange(-_WINDOW, _WINDOW + 1)
     columns, rows = cell[:, :1] + around, cell[:, 1:] + around
@@ -215,14 +215,14 @@ HANDS_PACKAGE = "@mediapipe/hands 0.4.1675469240"
 
 
 class LiteRtHands:
-    """Detects hand points."""
+    """Detects the 21 points of one hand in a crop."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         self._model = LiteRtModel(Path(options["model"]), HANDS, HANDS_PACKAGE, [63, 1, 1])
         self.about = {"name": self._model.name, "licence": LICENCE, "num_keypoints": 21, "people": 1}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return ``points`` (21, 2) in a (224, 224, 3) crop, ``presence`` and ``right``."""
+        """Detect ``points`` (21, 2) in a (224, 224, 3) crop, and the probabilities ``presence`` and ``right``."""
         points, presence, right, *_ = self._model.run(rgb.astype(np.float32) / 255.0)
         return {"points": points.reshape(21, 3)[:, :2], "presence": presence.reshape(1), "right": right.reshape(1)}
 

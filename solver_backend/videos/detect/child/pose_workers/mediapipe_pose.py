@@ -14,7 +14,7 @@ MARGIN = 0.15  # Margin around a person's painted box relative to its size. Pain
 
 
 class MediaPipePose:
-    """Detects people with ``mediapipe.solutions``, without its smoothing, which would delay fast movements."""
+    """Detects people with ``mediapipe.solutions``. Its smoothing is off, because it would delay fast movements."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         try:
@@ -37,7 +37,7 @@ class MediaPipePose:
         self.about = {"name": name, "joint_set": "MEDIAPIPE_33", "people": self._people}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return keypoints and hands (see ``PoseDetector``)."""
+        """Detect the keypoints and hands of all people (see ``PoseDetector``)."""
         bodies: list[np.ndarray] = []
         hands: list[np.ndarray] = []
         picture = rgb
@@ -59,7 +59,7 @@ class MediaPipePose:
 
 
 def _pixels(landmarks: Any | None, shape: Any, count: int) -> np.ndarray:
-    """Return (K, 3) keypoints. Points outside the image are extrapolated by the model and get confidence 0."""
+    """Convert landmarks to keypoints (K, 3). Points that the model places outside the image get confidence 0."""
     if landmarks is None:
         return np.full((count, 3), np.nan)
     points = np.array([(p.x, p.y, p.visibility if p.HasField("visibility") else 1.0) for p in landmarks.landmark])

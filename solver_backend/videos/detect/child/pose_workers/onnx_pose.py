@@ -1,4 +1,4 @@
-"""Run ONNX pose models, which are recognised by their inputs and outputs."""
+"""Run ONNX pose models. Their inputs and outputs identify the type of model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PADDING = 114.0  # Grey value used outside the image, 0 to 255.
 
 
 def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return the box from ``low`` to ``high`` as an (h, w, 3) float32 array, black outside the image.
+    """Resample the box from ``low`` to ``high`` to an (h, w, 3) float32 image, black outside the image.
 
     Column j is ``x = low + (high - low) j / w``, because models are trained with a box corner at the first pixel.
     """
@@ -27,7 +27,7 @@ def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, in
 
 
 def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[np.ndarray, float]:
-    """Fit the whole image into a grey (h, w, 3) image. Return that image and the scale.
+    """Fit the whole image into a grey image (h, w, 3). Also return the scale.
 
     Pixel centres keep their relative position: ``x' + 1/2 = s (x + 1/2)``.
     """
@@ -41,7 +41,7 @@ def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[
 
 
 def sampled(rgb: np.ndarray, x: np.ndarray, y: np.ndarray, outside: float) -> np.ndarray:
-    """Sample an image bilinearly at columns x and rows y. Return (len(y), len(x), 3) float32."""
+    """Resample an image at columns x and rows y by bilinear interpolation. Return (len(y), len(x), 3) float32."""
     rows, row_share, row_out = _neighbours(y, rgb.shape[0])
     columns, column_share, column_out = _neighbours(x, rgb.shape[1])
     by_row = rgb[rows].astype(np.float32)
@@ -68,7 +68,7 @@ _MEAN, _STD = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.3
 
 
 class _PoseModel:
-    """A type of model. ``people`` returns (P, K, 3) x, y and confidence."""
+    """Base class of the model types. ``people`` returns keypoints (P, K, 3): x, y and confidence."""
 
     label = ""
 
@@ -88,24 +88,24 @@ class _PoseModel:
         raise NotImplementedError
 
     def tensor(self, picture: np.ndarray) -> np.ndarray:
-        """Convert an image (H, W, 3) to the model's data type and channel order."""
+        """Convert an image (h, w, 3) to the model's data type and channel order."""
         value = picture[None] if self.given[-1] == 3 else picture.transpose(2, 0, 1)[None]
         kind = {"tensor(int32)": np.int32, "tensor(uint8)": np.uint8, "tensor(float16)": np.float16}
         return np.ascontiguousarray(value.astype(kind.get(self.type, np.float32)))
 
 
 class TopDown(_PoseModel):
-    """A model that processes one person at a time, inside the box found in the previous image."""
+    """Base class of models that process one person at a time, inside the box from the previous image."""
 
     size: tuple[int, int] = (0, 0)  # Width and height of the input in pixels.
     padding = 1.25  # Factor by which a person's box is enlarged.
 
     def points(self, picture: np.ndarray) -> np.ndarray:
-        """Return (K, 3) x, y and confidence from an (h, w, 3) image of the model's input size, 0 to 255."""
+        """Detect keypoints (K, 3), x, y and confidence, in an (h, w, 3) image of the model's input size, 0 to 255."""
         raise NotImplementedError
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Detect people in the previous boxes, or in the whole image if there are none."""
+        """Detect people in the boxes from the previous image, or in the whole image if there are none."""
         sure = self._sure(rgb, self.boxes)
         if not sure:  # first the whole image, then the box of the person found in it
             first = self._sure(rgb, [np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])])
@@ -132,7 +132,7 @@ class TopDown(_PoseModel):
 
 
 def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
-    """Decode (K, 3) x, y and score. Each keypoint has a row of scores along x and another along y.
+    """Decode keypoints (K, 3), x, y and score, from one row of scores per axis.
 
     Reference: Li et al. 2022 (SimCC).
     """
@@ -142,7 +142,7 @@ def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
 
 
 class _RtmPose(TopDown):
-    """Top-down SimCC model that outputs one row of scores per axis.
+    """Top-down model that outputs one row of scores per axis (SimCC).
 
     Reference: Jiang et al. 2023 (RTMPose).
     """
@@ -156,7 +156,7 @@ class _RtmPose(TopDown):
 
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
-        """Return whether an image (N, 3, H, W) gives exactly two outputs, (N, K, W ratio) and (N, K, H ratio)."""
+        """Return whether the input is (N, 3, H, W) and the outputs are (N, K, r W) and (N, K, r H) for an integer r."""
         if len(outputs) != 2 or len(given) != 4 or given[1] != 3 or not _numbers(given[2:]):
             return False
         (_, x), (_, y) = outputs
@@ -195,9 +195,9 @@ class _Rtmo(_PoseModel):
 
 
 class _YoloPose(_PoseModel):
-    """One row per candidate: (N, 5 + 3K, candidates) with box centre and size, score and K keypoints.
+    """One-stage model that outputs N candidates as (1, 5 + 3 K, N): box centre and size, score, K keypoints.
 
-    Models that include suppression output (N, candidates, 6 + 3K) with box corners, score and class.
+    Models that include suppression output (1, N, 6 + 3 K) with box corners, score and class.
 
     Reference: Maji et al. 2022, Ultralytics (output layout).
     """
@@ -263,7 +263,7 @@ KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Model types, tried in this ord
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
-    """Return the indices of the (N, 4) boxes that overlap no better box, by descending score."""
+    """Select boxes (N, 4) by descending score, without those that overlap a better box. Return their indices."""
     kept: list[int] = []
     for i in np.argsort(-score, kind="stable"):
         if len(kept) >= most:
@@ -276,7 +276,7 @@ def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
 def _chosen(
     corners: np.ndarray, score: np.ndarray, points: np.ndarray, offset: Any, scale: float, most: int
 ) -> np.ndarray:
-    """Return the keypoints (P, K, 3) of the remaining people, in pixels of the original image."""
+    """Select people by score and overlap. Return keypoints (P, K, 3) in pixels of the original image."""
     sure = np.flatnonzero(score >= LEAST_SCORE)
     kept = sure[suppressed(corners[sure], score[sure], most)]
     people = points[kept].astype(np.float64)
@@ -301,7 +301,7 @@ def _is_whole(length: Any, head: int) -> bool:
 
 
 def open_model(path: str) -> Any:
-    """Open an onnxruntime session for a model."""
+    """Open a model in onnxruntime. Raise ``Refused`` if that fails."""
     try:
         import onnxruntime
     except ImportError as error:
@@ -319,7 +319,7 @@ def open_model(path: str) -> Any:
 
 
 class OnnxPose:
-    """Runs a model with onnxruntime."""
+    """Detects people with a known type of ONNX model."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         path = options["model"]
@@ -343,7 +343,7 @@ class OnnxPose:
         self.about = {"name": name, "num_keypoints": self._model.num_keypoints, "people": people}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return keypoints (see ``PoseDetector``)."""
+        """Detect the keypoints of all people (see ``PoseDetector``)."""
         return {"keypoints": self._model.people(rgb)}
 
 

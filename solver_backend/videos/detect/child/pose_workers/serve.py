@@ -1,4 +1,4 @@
-"""Exchange messages with a detector process: a line of JSON, then the bytes of the arrays.
+"""Exchange messages with a detector process. A message is a line of JSON, followed by the bytes of arrays.
 
 The process writes ``{"ready": {...}}`` with its description, or ``{"error": {"code", "message", "hint"}}``. For every
 image it receives ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes. It answers with ``{"arrays": {name: shape}}``,
@@ -19,7 +19,7 @@ THREADS = int(os.environ.get("POSE_WORKER_THREADS", "1"))  # Number of threads p
 
 
 class Refused(Exception):
-    """The detector cannot run. The error contains a code, the reason and a hint."""
+    """Raised if the detector cannot run. Contains an error code, a message and a hint."""
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
         super().__init__(message)
@@ -33,7 +33,7 @@ class PoseDetector(Protocol):
     """``name`` including its version, ``joint_set`` or ``num_keypoints``, and the maximum number of ``people``."""
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return ``keypoints`` (P, K, 3): x and y in pixels, and confidence 0 to 1.
+        """Detect ``keypoints`` (P, K, 3) in an image: x and y in pixels, and confidence 0 to 1.
 
         Some detectors also return ``hands`` (P, 2, 21, 3), left hand first, with NaN for undetected hands.
         """
@@ -41,7 +41,10 @@ class PoseDetector(Protocol):
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
-    """Answer requests until the input ends. Anything that libraries print goes to standard error."""
+    """Run a detector: answer requests on standard input until it ends. Return the exit code.
+
+    Text that libraries print is redirected to standard error.
+    """
     pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
