@@ -1,1 +1,1 @@
-"""Read and write captures, calibrations and motions, and convert their units and axes."""
+"""Read and write captures, calibrations and motions. Convert their units and axes."""

@@ -1,4 +1,4 @@
-"""Match recorded camera names with the names in a calibration."""
+"""Match the names of recorded cameras with those in a calibration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 
 
 def name_key(name: str) -> tuple[str, ...]:
-    """Return the words and numbers that distinguish a camera name.
+    """Return the words and numbers that distinguish a camera name from others.
 
     ``cam01_json``, ``Cam_1``, ``camera-001`` and ``int_cam01_img`` give ``('1',)``. ``left_json`` gives ``('left',)``.
     """
@@ -35,7 +35,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the index of each recorded camera in the calibration, or None if the match is ambiguous.
+    """Find each recorded camera in a calibration by name. Return indices, or None if names are ambiguous.
 
     Four comparisons are tried until one assigns all cameras. The first compares ``name_key``. The second compares the
     part that looks like a camera name (``Static_cam_01`` -> ``cam_01``). The third removes the common prefix and suffix
@@ -54,7 +54,7 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
 
 
 def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[str, ...]:
-    """Return the take names if the folders are several takes by the same cameras, otherwise ().
+    """Return the names of several takes that folders of the same cameras contain, otherwise ().
 
     ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` are the takes walk and run by two cameras.
     """
@@ -77,7 +77,7 @@ def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[
 
 
 def counted_order(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Assign numbered cameras in order, such as ``cam0`` to ``cam01``, or return None."""
+    """Assign numbered cameras in ascending order, such as ``cam0`` to ``cam01``, or return None."""
     if len(recorded) != len(calibrated) or not all(_COUNTED.search(name) for name in (*recorded, *calibrated)):
         return None
     first, second = (sorted(range(len(names)), key=lambda i: natural_key(names[i])) for names in (recorded, calibrated))
@@ -96,7 +96,7 @@ def _camera_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the keys of the names without their common prefix and suffix."""
+    """Return name keys without the common prefix and suffix of the names."""
     if len(names) < 2:
         return _name_keys(names)
     start = _shared_start(names)
@@ -110,24 +110,22 @@ def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _own_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the distinguishing words in calibrated names, or all words if only numbers remain."""
+    """Return the distinguishing parts of calibrated names, or the whole names if only numbers remain."""
     parts = _distinct_parts(names)
     return _name_keys(names) if any(map(_counts, parts)) else parts
 
 
 def _counts(key: tuple[str, ...]) -> bool:
-    """Return whether a key is a camera number rather than a serial number."""
     return len(key) == 1 and key[0].isdigit() and len(key[0]) <= _COUNTING_DIGITS
 
 
 def _shared_start(names: Sequence[str]) -> int:
-    """Return the length of the common prefix of all names."""
     different = (i for i, letters in enumerate(zip(*names, strict=False)) if len(set(letters)) > 1)
     return next(different, min(map(len, names)))
 
 
 def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """For each recorded name, return the index of the only calibrated name that it contains."""
+    """Find the only calibrated name that each recorded name contains. Return the indices, or None."""
     keys = _name_keys(calibrated)
     found = []
     for name in recorded:
@@ -147,9 +145,9 @@ _WAYS = (
     (_name_keys, _own_parts),
     (_distinct_parts, _own_parts),
 )
-"""Functions that extract the compared parts of recorded and calibrated names, strictest pair first."""
+"""Pairs of functions that extract the compared parts of recorded and calibrated names, from strict to tolerant."""
 
 
 def listing(names: Iterable[str]) -> str:
-    """Join names into one phrase for a message."""
+    """Join names with commas for a message."""
     return ", ".join(names) or "none"

@@ -1,4 +1,4 @@
-"""Read a moving camera's path from camera trackers."""
+"""Read the path of a moving camera from files of camera trackers."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ FRAMES, SECONDS, UNKNOWN = "frames", "seconds", "unknown"  # Time bases of paths
 ESTIMATED = "estimated_camera_path.txt"  # Name of a path estimated from the video background.
 _GL = np.diag([1.0, -1.0, -1.0])  # From cameras with Y up that look along -Z (OpenGL, ARKit, Blender) to OpenCV's axes.
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_SAME_SPAN = 0.05  # Largest relative difference from the take's duration for which a time unit is accepted.
+_SAME_SPAN = 0.05  # Largest relative difference between the durations of a path and of its take.
 _TICKS = (1.0, 1e-3, 1e-6, 1e-9)  # Possible units of time stamps, in seconds.
-LOOSE_S = 0.1  # Largest difference in duration, in seconds, for a path without the video's time base. Chosen by hand.
+LOOSE_S = 0.1  # Largest difference in duration, in seconds, for a path with its own time base. Chosen by hand.
 NEAREST_S = 0.5  # Largest time in seconds between a frame and its nearest pose. Chosen by hand.
 _MATRICES = ("transform_matrix", "transform", "matrix", "camera_transform", "cameraTransform", "cameraPoseARFrame")
 _PLACES, _TURNS = ("translation", "position", "t"), ("rotation", "orientation", "quaternion", "q")
@@ -36,7 +36,7 @@ _SHEARED = 0.01  # Largest relative deviation of a scaled rotation's columns fro
 
 @dataclass(frozen=True)
 class StatedPath:
-    """Camera poses as the file states them."""
+    """Camera poses as a file states them."""
 
     R: np.ndarray  # (N, 3, 3) rotations from the camera (OpenCV axes) to the file's world.
     centre: np.ndarray  # (N, 3) camera positions in the file's unit.
@@ -48,7 +48,7 @@ class StatedPath:
 
 @dataclass(frozen=True)
 class PathFormat:
-    """A file format for camera paths."""
+    """A supported file format for camera paths."""
 
     name: str
     recognises: Callable[[Path], bool]
@@ -57,7 +57,7 @@ class PathFormat:
 
 @dataclass(frozen=True)
 class FilmedPath:
-    """Camera poses in the F frames of a take, in the file's world and length unit."""
+    """Camera poses in the F frames of a take, in the world and length unit of the file."""
 
     R: np.ndarray  # (F, 3, 3).
     centre: np.ndarray  # (F, 3) camera positions.
@@ -67,7 +67,7 @@ class FilmedPath:
 
 
 def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
-    """Read the camera pose of each frame of a take. Short gaps are interpolated.
+    """Read the camera pose of each frame of a take. Short gaps between poses are interpolated.
 
     Raises:
         CalibrationInvalid: no reader recognises the file, or its numbers are invalid.
@@ -103,10 +103,10 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
 
 
 def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.ndarray:
-    """Return the frame of the take, counted from 0, for each pose.
+    """Assign each pose to a frame of the take, counted from 0.
 
-    Frame numbers start at 0 or 1, unless the first number belongs to the take's first frame. Time stamps that lie
-    within the take are video times, because trackers may start late. Otherwise, they start at the first pose.
+    Frame numbers start at 0 or 1, unless the first number belongs to the take's first frame. Time stamps within the
+    take are video times, because trackers may start late. Otherwise, they start at the first pose.
     """
     at, last = stated.at, max(frames - 1, 1)
     units = (1.0, *(fps * tick for tick in _TICKS if stated.clock == SECONDS))
@@ -166,7 +166,7 @@ def _turns(quats: np.ndarray, path: Path) -> np.ndarray:
 
 
 def _images_of(path: Path) -> Path:
-    """Return the pose file in a COLMAP folder, or the file itself."""
+    """Return the image file of a COLMAP folder, or the given file."""
     found = [path / part / "images.txt" for part in (".", "0", "sparse", "sparse/0")] if path.is_dir() else [path]
     return next((file for file in found if file.is_file()), path)
 
@@ -177,7 +177,7 @@ def _is_colmap(path: Path) -> bool:
 
 
 def _read_colmap(path: Path) -> StatedPath:
-    """Read the image lines of a COLMAP model (world to camera). Numbers in image names are frame numbers."""
+    """Read the image lines of a COLMAP text model. Numbers in image names are frame numbers."""
     file = _images_of(path)
     # Lines of points consist of triples of numbers.
     rows = [row for row in _lines(file) if len(row) == 10 or (len(row) > 10 and not _is_number(row[-1]))]
@@ -199,7 +199,7 @@ def _is_trajectory(path: Path) -> bool:
 
 
 def _read_trajectory(path: Path) -> StatedPath:
-    """Read ``timestamp tx ty tz qx qy qz qw``, camera to world (TUM format)."""
+    """Read a TUM trajectory: ``timestamp tx ty tz qx qy qz qw`` per line, from camera to world."""
     rows = _lines(path)
     if any(len(row) != 8 for row in rows):
         raise CalibrationInvalid("A line of the camera path does not have eight numbers.", where=str(path))
@@ -246,7 +246,7 @@ def _read_document(path: Path) -> StatedPath:
 
 
 def _pose(pose: Any, path: Path) -> tuple[np.ndarray, np.ndarray, float, str]:
-    """Return an entry's rotation, position, time stamp or frame number, and time base."""
+    """Return a pose's rotation, position, time stamp or frame number, and time base."""
     if not isinstance(pose, Mapping):
         values = _array(pose)
         if values.shape == (7,):  # Record3D: a quaternion and a position
@@ -267,7 +267,7 @@ def _pose(pose: Any, path: Path) -> tuple[np.ndarray, np.ndarray, float, str]:
 
 
 def _of_matrix(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotation and position in a matrix given as 16 numbers, by rows or by columns."""
+    """Split a camera-to-world matrix of 16 numbers, by rows or by columns, into rotation and position."""
     M = values.reshape(4, 4)
     M = M.T if np.allclose(M[:3, 3], 0.0) and not np.allclose(M[3, :3], 0.0) else M
     size = np.cbrt(abs(np.linalg.det(M[:3, :3])))
@@ -303,4 +303,4 @@ FORMATS = (
     ),
     PathFormat("JSON of ARKit, ARCore or Blender", lambda path: path.suffix.lower() == ".json", _read_document),
 )
-"""Readers, tried in this order."""
+"""Supported formats, tried in this order."""

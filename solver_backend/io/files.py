@@ -1,4 +1,4 @@
-"""Read text, JSON, TOML, XML and arrays with size limits, and append to files."""
+"""Read text, JSON, TOML, XML and arrays with size limits, and append to files safely."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def first_bytes(path: Path, length: int) -> bytes:
 
 
 def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:
-    """Read a text file. Raises the same errors as ``read_bytes``."""
+    """Read and decode a text file. It raises the same errors as ``read_bytes``."""
     return as_text(read_bytes(path, largest))
 
 
 def as_text(data: bytes) -> str:
-    """Decode UTF-16 with a byte order mark, UTF-8 or Latin-1."""
+    """Decode bytes in UTF-16 (with a byte order mark), UTF-8 or Latin-1."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16", "replace")
     try:
@@ -81,7 +81,7 @@ def read_toml(path: Path | str) -> dict[str, Any]:
 
 
 def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
-    """Read an XML file. Raise FileMissing or FileDamaged, where ``kind`` names the format."""
+    """Read an XML file. Raise FileMissing or FileDamaged. ``kind`` names the format in messages."""
     try:
         return ElementTree.fromstring(read_bytes(path, largest))
     except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
@@ -90,7 +90,7 @@ def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
 
 
 def npz_names(path: Path) -> frozenset[str]:
-    """Return the array names in an ``.npz`` file, or none if the file is unreadable."""
+    """Return the array names in an ``.npz`` file, or no names for other or unreadable files."""
     with suppress(MocapError):
         if path.suffix.lower() == ".npz":
             return array_names(path)
@@ -120,9 +120,9 @@ def load_array(path: Path) -> np.ndarray:
 
 
 class AppendedFile:
-    """A file that appends each piece either completely or not at all.
+    """A file that grows by complete pieces. A piece that cannot be written completely is removed.
 
-    Nothing is buffered, so pieces that were written survive if the process ends unexpectedly.
+    Nothing is buffered, so the written pieces remain if the process ends unexpectedly.
     """
 
     def __init__(self, handle: int, where: str) -> None:
@@ -156,18 +156,18 @@ class AppendedFile:
         return True
 
     def require_whole(self, hint: str) -> None:
-        """Raise OutputNotWritable if a piece was lost."""
+        """Raise OutputNotWritable if a piece could not be written."""
         if self.lost:
             what = f"{self.lost} of {self.lost + self.written} lines or frames could not be written: {self.failure}."
             raise OutputNotWritable(what, where=self.where, hint=hint)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file handle."""
         os.close(self.handle)
 
 
 def open_appended(path: Path, *, fresh: bool) -> AppendedFile:
-    """Open a file for appending. With ``fresh``, reject an existing file."""
+    """Create a file to append to. An existing file is replaced, or rejected if ``fresh`` is true."""
     flags = os.O_WRONLY | os.O_CREAT | (os.O_EXCL if fresh else os.O_TRUNC) | getattr(os, "O_BINARY", 0)
     try:
         return AppendedFile(os.open(path, flags, 0o666), str(path))

@@ -1,4 +1,4 @@
-"""Find videos and image folders, and read video headers, chapters and focal lengths."""
+"""Find videos and image folders. Read video headers, chapters and focal lengths."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _UNREADABLE = (OSError, struct.error, IndexError, ValueError, OverflowError)  # 
 
 @dataclass(frozen=True)
 class VideoHeader:
-    """Values from a video header."""
+    """Frame rate, length and size in the header of a video."""
 
     fps: float  # Mean frame rate in frames per second.
     num_frames: int
@@ -37,7 +37,7 @@ class VideoHeader:
 
 
 def read_video_header(path: Path | None) -> VideoHeader | None:
-    """Read the header of the first video track. Return None without a file or a track.
+    """Read the header of the first video track in an MP4 or MOV file. Return None for other files or no file.
 
     ``fps = timescale * Σ count / Σ (count * duration)`` over the table of sample durations (ISO/IEC 14496-12, stts).
     """
@@ -49,7 +49,7 @@ def read_video_header(path: Path | None) -> VideoHeader | None:
 
 
 def _top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
-    """Return the content of the first top-level box of the wanted kind, or None."""
+    """Return the content of the first top-level MP4 box of the given type, or None."""
     for _ in range(_MOST_BOXES):
         if len(head := stream.read(8)) < 8:
             return None
@@ -66,7 +66,7 @@ def _top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
 
 
 def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
-    """Yield the kind and content of each box within a box."""
+    """Yield the type and content of each box inside an MP4 box."""
     at = 0
     for _ in range(_MOST_BOXES):
         if at + 8 > len(data):
@@ -83,7 +83,7 @@ def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
 
 
 def _inside(data: memoryview, *kinds: bytes) -> memoryview:
-    """Return the content of the first box that is reached by following ``kinds``."""
+    """Return the content of the box at a path of box types, or no bytes."""
     for kind in kinds:
         data = next((content for found, content in _boxes(data) if found == kind), memoryview(b""))
     return data
@@ -107,7 +107,7 @@ def _video_track(moov: memoryview) -> VideoHeader | None:
 
 
 def _stored_size(tkhd: memoryview, stsd: memoryview) -> tuple[int, int]:
-    """Return the size in the first sample entry, or else the display size of the track."""
+    """Return the image size in the first sample entry, or else the display size of the track."""
     at = 52 if tkhd[0] == 1 else 40
     a, b, _, c, d = struct.unpack_from(">5i", tkhd, at)
     width, height = (value >> 16 for value in struct.unpack_from(">II", tkhd, at + 36))
@@ -125,7 +125,7 @@ _FOLDERS = ("videos", "video", "images", "footage")
 
 
 def find_footage(levels: Sequence[Path], recorded: Sequence[str]) -> tuple[Path | None, ...]:
-    """Return the video or image folder of each recorded camera, or None if it has none.
+    """Find the video or image folder of each recorded camera, or None if it has none.
 
     ``levels`` are the folders that may contain a ``videos`` folder, nearest first.
     """
@@ -140,7 +140,7 @@ def find_footage(levels: Sequence[Path], recorded: Sequence[str]) -> tuple[Path 
 
 
 def footage_in(folder: Path) -> dict[tuple[str, ...], Path]:
-    """Return the videos and image folders in a folder, keyed by the ``name_key`` of their names."""
+    """List the videos and image folders in a folder, by the ``name_key`` of their names."""
     found: dict[tuple[str, ...], Path] = {}
     for path in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
         if path.suffix.lower() in VIDEOS and path.is_file():
@@ -153,7 +153,7 @@ def footage_in(folder: Path) -> dict[tuple[str, ...], Path]:
 def with_sizes_of(
     calibration: Calibration, videos: Sequence[VideoHeader | None], detections: Detections
 ) -> Calibration:
-    """Convert a calibration to the pixel coordinates of the detections.
+    """Scale a calibration to the pixels of the detections, using the image sizes of the videos.
 
     A camera without a stated image size uses the size of its video. If the video and the calibration have the same
     aspect ratio and the detections fit only the video, the calibration is scaled. Other differences are reported,
@@ -209,7 +209,7 @@ _FIRST = re.compile(r"(?P<head>.*?)GOPR(?P<number>\d{4})(?P<tail>.*)", re.IGNORE
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """Return the files of one recording in order, given the first file."""
+    """List the files of a recording in order, given its first file: chapters, or the images of a folder."""
     if path.is_dir():
         return tuple(sorted((p for p in path.iterdir() if is_picture(p)), key=lambda p: natural_key(p.name)))
     if chapter_of(path) is None or not path.parent.is_dir():
@@ -226,7 +226,7 @@ def count_recordings(root: Path) -> int:
 
 
 def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
-    """Group videos into recordings, with chapters in order."""
+    """Group videos into recordings. The chapters of a recording are in order."""
     recordings: list[list[Path]] = []
     open_: dict[tuple[str, ...], list[Path]] = {}
     numbered = [(chapter_of(path), path) for path in sorted(videos, key=lambda p: natural_key(p.name))]
@@ -245,7 +245,7 @@ def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
 
 
 def chapter_of(path: Path) -> tuple[tuple[str, ...], int] | None:
-    """Return the recording and chapter number given by a file name, or None."""
+    """Return the recording and chapter number in the name of a GoPro file, or None."""
     if found := _FIRST.fullmatch(path.stem):
         return (found["head"], "GP", found["number"], found["tail"], path.suffix.lower()), 0
     if found := _CHAPTER.fullmatch(path.stem):
@@ -276,7 +276,7 @@ PLAUSIBLE_MM = (8.0, 1000.0)  # Plausible focal lengths in mm, from fisheye to t
 
 
 def recorded_focal_mm(footage: Path) -> float | None:
-    """Return the 35 mm equivalent focal length stored in the file, in mm, or None."""
+    """Read the 35 mm equivalent focal length in mm from a video or a folder of JPEG images, or return None."""
     if footage.is_dir():
         pictures = sorted(path for path in footage.iterdir() if path.suffix.lower() in PICTURES)
         return recorded_focal_mm(pictures[0]) if pictures else None

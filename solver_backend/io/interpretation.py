@@ -1,6 +1,6 @@
 """Convert file contents to metres, Z up and frames per second. No other module does this.
 
-The user's options take precedence over what the file states. Evidence in the numbers comes last.
+The user's options take precedence over the values in the file. Estimates from the numbers come last.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})  # Reading options that `
 STILL_FRAMES = 10  # A marker that does not move at all for this number of frames was not measured.
 WIDEST_ARRAY_M = 60.0  # Largest plausible distance between cameras in metres. A larger value means another unit.
 OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
-"""A camera that widens the spread of the others by this factor uses another unit. The check needs at least this number
-of cameras.
+"""Factor by which a camera in another unit widens the array of the other cameras, and the minimum number of cameras
+for this check.
 """
 
 
 def interpret_rate(
     given: float | None, stated: Sequence[tuple[float | None, Diagnostic]], default: float
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the frame rate of detections, a note about its origin, and a problem if it is assumed.
+    """Choose the frame rate of detections. Also return a note about its source, or a problem if it is assumed.
 
     The user's rate takes precedence. Otherwise, the most reliable rate stated in a file is used, with its note.
     """
@@ -57,7 +57,7 @@ def interpret_rate(
 def interpret_cameras(
     stated: StatedCameras, path: Path, kind: str, unit: str | None, up_axis: str | None
 ) -> Calibration | None:
-    """Convert the cameras in a calibration to metres with Z up. Return None if there are no cameras.
+    """Convert calibrated cameras to metres with Z up. Return None if there are no cameras.
 
     Without a unit, an array wider than ``WIDEST_ARRAY_M`` is in millimetres. ``kind`` names the format in notes.
 
@@ -115,7 +115,7 @@ def _array_width(entries: list[CameraEntry]) -> float:
 
 
 def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
-    """Convert markers to metres with Z up, and add notes and problems.
+    """Convert the markers of a file to metres with Z up. Add notes and problems.
 
     Raises:
         NoDetections: the file has no markers, or no marker is ever visible.
@@ -200,9 +200,9 @@ def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ..
     return (diagnostic("marker_never_moves", markers=still),) if still else ()
 
 
-OUTSIDE = 1.0  # Smallest distance of a sentinel from the box of most positions, in longest sides. -9999 mm is two away.
-FAR = 100.0  # At this distance in box sides, any number is a sentinel. The box contains the person's whole walk.
-OFTEN = 3  # A number that occurs on all three axes this many times was not measured.
+OUTSIDE = 1.0  # Smallest distance of a sentinel from the box around most positions, in lengths of its longest side.
+FAR = 100.0  # Distance, in the same lengths, beyond which any number is a sentinel. The box contains the whole walk.
+OFTEN = 3  # Minimum number of positions with one number on all axes that make this number a sentinel.
 SHARES = (0.05, 0.3)  # Fraction of positions outside the box at each end, and the fraction used if more are missing.
 _NINES = 9999.0  # Smallest number that consists only of nines, which programs write for missing values.
 
@@ -210,9 +210,10 @@ _NINES = 9999.0  # Smallest number that consists only of nines, which programs w
 def without_sentinels(
     positions: np.ndarray, labels: Sequence[str]
 ) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Replace missing markers in (F, M, 3) positions by NaN, and return the positions, notes and problems.
+    """Replace missing markers in positions (F, M, 3) by NaN. Also return notes and problems.
 
-    Many programs write 0 0 0 for a missing marker. Others write one number on all axes (-9999, 1e6) or only nines.
+    Many programs write 0 0 0 for a missing marker. Others write a sentinel: one number on all axes (-9999, 1e6) or only
+    nines.
     """
     x, y, z = np.moveaxis(positions, -1, 0)  # NumPy is slow at reducing an axis of length three
     origin = (x == 0) & (y == 0) & (z == 0)
@@ -225,7 +226,7 @@ def without_sentinels(
 
 
 def _sentinels(positions: np.ndarray) -> np.ndarray:
-    """Return an (F, M) mask of sentinels, recognised by unnatural digits or extreme distance."""
+    """Return a mask (F, M) of sentinels, recognised by unnatural digits or extreme distance."""
     x, y, z = np.moveaxis(positions, -1, 0)
     alike = (x == y) & (y == z)
     values, counts = np.unique(x[alike], return_counts=True)

@@ -1,4 +1,4 @@
-"""Read a capture or a motion from a file or folder of any supported format."""
+"""Read a capture or a motion in any supported format."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Readers(Iterable[Reader[Item]], Generic[Item]):
-    """Readers, tried in this order. Their modules are imported on demand."""
+    """File readers, tried in this order. Their modules are imported on demand."""
 
     rows: tuple[tuple[str, str], ...]  # Module in this package, and name of its reader or tuple of readers.
 
@@ -50,7 +50,7 @@ MOTIONS: Readers[Motion | AmassClip | BvhClip] = Readers(
 
 
 def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTURES, **options: Any) -> Capture:
-    """Read a capture with the first matching reader, and select the person.
+    """Read a capture with the first reader that recognises the path, and select the person.
 
     Options are fields of ``ReadOptions``. The capture contains notes on assumptions, and problems.
 
@@ -85,7 +85,7 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
 
 
 def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhClip:
-    """Read a motion, or an unconverted clip of another body or skeleton.
+    """Read a motion of this program, or a clip of another body or skeleton, which is not converted.
 
     Raises:
         MotionInvalid: no reader recognises the path, or numbers are invalid (see ``motion_checks``).

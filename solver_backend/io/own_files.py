@@ -1,4 +1,4 @@
-"""Define the readers for our own capture and motion files."""
+"""Define the readers of our own capture and motion files."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _read_views(path: Path, options: ReadOptions) -> Capture:
 
 
 def _read_markers(path: Path, options: ReadOptions) -> Capture:
-    """Read a capture file with markers. The frame rate in the options applies to it."""
+    """Read a capture file with markers, at the frame rate in the options if given."""
     capture = read_capture(path)
     capture = replace(capture, sources=capture.sources or (str(path),))
     if capture.markers is None:
@@ -89,7 +89,7 @@ MOTION = Reader("motion .npz of this program", _is_npz, lambda path, _: read_mot
 
 
 def marker_problems(cloud: MarkerCloud) -> tuple[Diagnostic, ...]:
-    """Return warnings if markers (metres, Z up) do not have human size or suggest another up axis."""
+    """Warn if markers (metres, Z up) do not have human size, or suggest another up axis."""
     if not np.isfinite(cloud.positions).any() or largest_finite(cloud.positions) > FARTHEST_M:
         return ()  # the range check after every reader rejects the latter
     found: list[Diagnostic] = []

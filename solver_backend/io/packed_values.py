@@ -1,4 +1,4 @@
-"""Read values from PyTorch, joblib, pickle and NumPy files without running any code in them.
+"""Read arrays from PyTorch, joblib, pickle and NumPy files without running any code in them.
 
 In PyTorch 2, ``torch.save`` writes a zip with ``data.pkl`` and ``data/KEY``. Before version 1.6, it wrote pickles with
 a magic number, the version, the system, the content and the keys, followed by the numbers. ``joblib.dump`` (1.4) writes
@@ -41,7 +41,7 @@ _DEEPEST, _ITEM = 50, 64  # Deepest nesting of lists and dictionaries, and bytes
 _MOST_OPERATIONS = 30_000_000  # Largest number of pickle operations. PHALP needs a few thousand per frame.
 _ITEMS = {"Float": "<f4", "Double": "<f8", "Half": "<f2", "Long": "<i8", "Int": "<i4", "Short": "<i2", "Char": "i1"}
 _ITEMS |= {"Byte": "u1", "Bool": "b1", "BFloat16": "<u2"}
-"""Number type of each storage class of PyTorch. A BFloat16 is the upper half of a float."""
+"""NumPy type of each PyTorch storage class. A BFloat16 is the upper half of a float."""
 _WIDEST = 8  # Largest number of bytes per number.
 _MAGIC = 0x1950A86A20F9469CFC6C  # First number in older PyTorch files.
 _WRAPPER = "joblib.numpy_pickle.NumpyArrayWrapper"
@@ -51,14 +51,14 @@ _DAMAGE += (zipfile.BadZipFile, zlib.error, struct.error, AttributeError, NotImp
 
 @dataclass(frozen=True)
 class Stored:
-    """An array that is loaded on first use."""
+    """An array in a file that is loaded on first use."""
 
     read: Callable[[], np.ndarray]
     size: int = 0  # Largest size in bytes.
 
 
 def numbers(value: Any) -> np.ndarray:
-    """Convert a stored or loaded array, a number, or nested lists of these to an array.
+    """Convert an array, a ``Stored`` array, a number, or nested lists of these to an array.
 
     Raises:
         ValueError: the value has another type or is damaged.
@@ -76,7 +76,7 @@ def numbers(value: Any) -> np.ndarray:
 
 
 def read_packed(path: Path) -> Any:
-    """Return the nested dictionaries and lists in a file. Each array is a ``Stored``.
+    """Read the nested dictionaries and lists in a file. Each array is a ``Stored``.
 
     Raises:
         UnsafePickle: the file requests a class or function that arrays do not need.
@@ -110,7 +110,7 @@ def _content(path: Path) -> Any:
 
 
 def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
-    """Return the size in bytes after every shared list and array is copied."""
+    """Return the size in bytes if every shared list and array were copied."""
     value = finished(value) if isinstance(value, UnbuiltArray) else value
     if isinstance(value, Stored | np.ndarray):
         return value.size if isinstance(value, Stored) else value.nbytes
@@ -127,7 +127,7 @@ def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
 def _follow(
     stream: BinaryIO | BytesIO, path: Path, storage: Callable[[Any], Any] | None = None, least: int | None = None
 ) -> Any:
-    """Return the content of one pickle. ``storage`` is a function that returns a tensor's numbers."""
+    """Decode one pickle. ``storage`` returns the numbers of a tensor."""
     held = stream if isinstance(stream, BytesIO) else None
 
     def behind(wrapper: StandIn, stream: BinaryIO | BytesIO) -> Stored:
@@ -139,7 +139,7 @@ def _follow(
 
 
 def _behind(wrapper: StandIn, stream: BinaryIO | BytesIO, held: BytesIO | None, path: Path) -> Stored:
-    """Return the joblib array that follows its description, and move the stream to the end of the array."""
+    """Return the joblib array after its description, and move the stream to the end of the array."""
     shape, dtype = wrapper.state.get("shape"), wrapper.state.get("dtype")
     if not isinstance(dtype, NamedDtype):
         raise Damage("an array's description is not valid")
@@ -228,7 +228,7 @@ def _small(entry: zipfile.ZipInfo) -> zipfile.ZipInfo:
 
 
 def _older_torch(data: bytes, path: Path, least: int | None = None) -> Any:
-    """Read a file from PyTorch before 1.6, in which the arrays' numbers follow the content.
+    """Read a file from PyTorch before 1.6, which stores the numbers after the content.
 
     ``least`` is the memory allowed for the arrays in a small file. None uses the default.
     """
@@ -268,7 +268,7 @@ def _values(data: bytes, kind: Any, count: Any) -> np.ndarray:
 
 
 def _loaded(data: Any = b"", *_: Any) -> Any:
-    """Return a storage that was pickled as a separate file, as in plain pickles of tensors."""
+    """Read a PyTorch storage that a plain pickle contains as a separate file."""
     return _older_torch(bytes(data), Path("tensor"), least=0)
 
 
@@ -282,12 +282,12 @@ def _inflated(data: bytes) -> bytes:
     stream = zlib.decompressobj()
     content = stream.decompress(data, _LARGEST)
     if not stream.eof:
-        raise Damage("it is truncated off, or expands to too much")
+        raise Damage("it is truncated, or expands to too much")
     return content
 
 
 def _header_size(head: bytes, path: Path) -> int:
-    """Return the number of bytes that precede the pickle of an object array."""
+    """Return the number of bytes before the pickle of a NumPy object array."""
     width = 2 if head[6] == 1 else 4
     return 8 + width + int.from_bytes(read_bytes(path)[8 : 8 + width], "little")
 

@@ -17,7 +17,7 @@ _LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15  # Size limit of an unpacked image in
 
 
 def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
-    """Encode an (h, w) uint8 or uint16 image, or an (h, w, 3) uint8 image, as PNG.
+    """Encode an image (h, w) uint8 or uint16, or (h, w, 3) uint8, as PNG.
 
     ``noisy`` skips the search for repetitions, which noise does not contain.
     """

@@ -1,4 +1,4 @@
-"""Define a file reader and the reading options that it accepts."""
+"""Define a file reader, and the reading options that it accepts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Content = TypeVar("Content")
 
 @dataclass(frozen=True)
 class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
-    """Reading options that the caller sets. They override what the file states."""
+    """Reading options that the user sets. They override what the file states."""
 
     joint_set: JointSet | None = field(default=None, kw_only=True)
     """Joint set of the keypoints. None uses the recording's settings, or recognises the set."""
@@ -40,7 +40,7 @@ class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
 
 @dataclass(frozen=True)
 class Reader(Generic[Content]):
-    """A type of file or folder."""
+    """A supported type of file or folder, and the functions that recognise and read it."""
 
     kind: str  # Description and file name, for lists.
     recognises: Callable[[Path], bool]  # Quick test for a path, which may not exist.
@@ -50,7 +50,7 @@ class Reader(Generic[Content]):
     """Reading options that apply in addition to those of ``load_capture``. All others are rejected."""
 
     def open(self, path: Path, options: ReadOptions, also: frozenset[str] = frozenset()) -> Content:
-        """Read a recognised path. The caller is responsible for the options in ``also``.
+        """Read a recognised path. Options in ``also`` are accepted, and the caller must apply them.
 
         Raises:
             JobInvalid: an option does not apply.
@@ -67,5 +67,5 @@ class Reader(Generic[Content]):
 
 
 def option_name(name: str) -> str:
-    """Return a reading option as it is written on the command line."""
+    """Return the command-line form of a reading option, such as ``--up-axis``."""
     return f"--{name.replace('_', '-')}"

@@ -1,4 +1,4 @@
-"""Parse text tables: separators, decimal commas, missing cells, frames and rates."""
+"""Parse text tables: separators, decimal commas, missing cells, frame numbers and rates."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _GROUPS = re.compile(r"(?<=\d)[ '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPAC
 """Thousands separators used in France and Switzerland: ``1 779,46``, ``1'779.46``."""
 _WHOLE, _DIGITS = re.compile(r"[-+]?\d+"), re.compile(r"\d+")
 OTHER_RATE = 0.3
-"""Relative difference above which the rate of a time column contradicts the stated rate. Times have few decimals, so a
-step of 4 ms may appear as 0.00 or 0.01."""
+"""Largest relative difference between the rate of a time column and the rate in the header. It is large because times
+have few decimals, so that a step of 4 ms may appear as 0.00 or 0.01."""
 _LEAST_STEP_S = 1e-9  # Smallest time step in seconds. No recording clock has a finer one.
 LARGEST = 1e30  # Larger or infinite numbers count as missing, because no recorded value is that large.
 
 
 def delimiter_of(line: str) -> str:
-    """Return the separator used in a line: a comma, a semicolon or a tab."""
+    """Return the most frequent separator in a line: a comma, a semicolon or a tab."""
     return max(",;\t", key=line.count)
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Return the cells in a line without surrounding spaces and quotes."""
+    """Split a line into cells without surrounding spaces and quotes."""
     try:
         cells = next(csv.reader([line], delimiter=delimiter), [])
     except csv.Error:
@@ -48,12 +48,12 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 
 def split_rows(lines: Iterable[str], delimiter: str) -> list[list[str]]:
-    """Return the cells in each line without surrounding quotes."""
+    """Split each line into cells without surrounding quotes."""
     return [cells_of(line, delimiter) if '"' in line else line.split(delimiter) for line in lines]
 
 
 def heading_of(path: Path) -> list[str]:
-    """Return the cells in a table's first line, or no cells if the file is not a text table."""
+    """Read the cells in a table's first line, or no cells if the file is not a text table."""
     if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
         return []
     start = first_bytes(path, _START_BYTES)
@@ -63,7 +63,7 @@ def heading_of(path: Path) -> list[str]:
 
 
 def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
-    """Return the non-empty rows in a table. Raise FileDamaged for invalid quotes."""
+    """Split a table into its non-empty rows. Raise FileDamaged for invalid quotes."""
     try:
         return [row for row in csv.reader(io.StringIO(text), delimiter=delimiter) if row]
     except csv.Error as error:
@@ -71,7 +71,7 @@ def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
 
 
 def read_rows(path: Path, largest: int = LARGEST_TAKE) -> tuple[list[str], list[list[str]]]:
-    """Return a table's heading and rows. Raise FileMissing or FileDamaged."""
+    """Read a table's heading and rows. Raise FileMissing or FileDamaged."""
     text = read_text(path, largest)
     rows = csv_rows(text, delimiter_of(text.partition("\n")[0]), path)
     if not rows:
@@ -91,7 +91,7 @@ def is_number(cell: str) -> bool:
 def read_numbers(
     rows: list[list[str]], first_line: int, path: Path, *, width: int = 0, leading: int = 1, sure: bool = True
 ) -> np.ndarray:
-    """Return (rows, columns) numbers, with NaN for missing cells.
+    """Convert the cells of rows to numbers (rows, columns). Missing cells are NaN.
 
     ``first_line`` is the line number of the first row, counted from 1, for messages. ``with_whole_decimals`` explains
     the handling of rows of a known ``width``.
@@ -142,7 +142,7 @@ def decimal_comma(cells: Iterable[str]) -> bool:
 
 
 def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
-    """Replace a spreadsheet's separators and quotes by tabs, and return the lines.
+    """Replace a spreadsheet's separators by tabs, and remove quotes.
 
     The separator is the one that appears at least ``least`` times in ``heading``.
     """
@@ -160,8 +160,8 @@ def with_whole_decimals(
 ) -> list[list[str]]:
     """Join decimals that were split at their commas: ``12`` and ``50`` become ``12.50``.
 
-    Rows have ``width`` cells, and the ``leading`` ones are not decimal numbers. If rows may have more cells (``sure``
-    is False), rows that cannot be joined are returned unchanged.
+    Rows have ``width`` cells. The first ``leading`` cells are not decimal numbers. If rows may have more cells
+    (``sure`` is False), rows that cannot be joined are returned unchanged.
 
     Raises:
         FileDamaged: some rows are split, but others cannot be joined.
@@ -194,7 +194,7 @@ def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
 
 
 def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
-    """Return (rows, markers, 3) positions, given the x column of each. y and z are the next two columns."""
+    """Select positions (rows, M, 3) from the x column of each of M points. y and z are the next columns."""
     columns = np.asarray(first_columns, dtype=np.int64)[:, None] + np.arange(3)
     if columns.size and columns.max() >= values.shape[1]:
         more = columns.max() + 1 - values.shape[1]
@@ -203,7 +203,7 @@ def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
 
 
 def rate_of(times: np.ndarray) -> float | None:
-    """Compute the frame rate from a column of seconds, or return None if it is undefined.
+    """Compute the frame rate from times in seconds, or return None if it is undefined.
 
     Times have few decimals. If the median step, or a mean step close to it, gives an integer rate within 1 in 10,000,
     that integer is returned. Otherwise the mean is more accurate.
@@ -231,7 +231,7 @@ def _stated_rate(stated: float | None, times: np.ndarray) -> tuple[float | None,
 
 
 def different_count(items: str, stated: float | None, count: int) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic if the header's item count differs from the actual count."""
+    """Report a header that states another number of items than the file contains."""
     if stated in (None, count):
         return ()
     return (diagnostic("count_not_as_stated", items=items, stated=f"{stated:g}", count=count),)
@@ -240,7 +240,7 @@ def different_count(items: str, stated: float | None, count: int) -> tuple[Diagn
 def frame_facts(
     numbers: np.ndarray | None, times: np.ndarray | None = None, rate: float | None = None, count: float | None = None
 ) -> tuple[float | None, tuple[Diagnostic, ...]]:
-    """Return a table's frame rate or None, and contradictions between frame numbers and times.
+    """Return a table's frame rate or None. Report contradictions in its frame numbers, times and header.
 
     ``numbers`` and ``times`` are (F,) columns or None. ``rate`` and the frame ``count`` come from the header.
     """
@@ -256,6 +256,6 @@ def frame_facts(
 
 
 def number_in(cell: str | None) -> float | None:
-    """Return the number in a cell, or None if there is none."""
+    """Return the number in a cell, or None if the cell contains no number."""
     text = (cell or "").strip().strip('"').replace(",", ".")
     return float(text) if is_number(text) and np.isfinite(float(text)) else None

@@ -1,4 +1,4 @@
-"""Raise errors for paths that no reader recognises, stating the file type and a remedy."""
+"""Raise errors for unsupported paths. They name the type of the file and a remedy."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _PACKED = (("*.zip *.gz *.7z *.rar *.tar *.tgz *.xz *.bz2", "archives", "Unpack 
 
 
 def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotRecognised:
-    """Return the error for a path that no reader recognises."""
+    """Return the error for a path that no reader recognises, with the type of the file and a remedy."""
     require_path(path, "file or folder")
     what, hint = _name_folder(path) if path.is_dir() else _name_file(path)
     kinds = dict.fromkeys(reader.kind for reader in readers)
@@ -115,7 +115,7 @@ def _contents(folder: Path) -> str:
 
 
 def _matching(folders: Iterable[Path], formats: Iterable[tuple[str, str, str]]) -> tuple[str, str] | None:
-    """Return the type of the unsupported detections in the folders, and how to convert them."""
+    """Return the type of unsupported detections in the folders, and how to convert them, or None."""
     there = [folder for folder in folders if folder.is_dir()]
     below = [path for folder in there for path in sorted(folder.iterdir()) if path.is_dir()]
     names = [(folder, name.lower()) for folder in (*there, *below) for name in _few_names(folder)]

@@ -1,1 +1,1 @@
-"""Read camera calibrations of other programs. Results are in metres with Z up."""
+"""Read camera calibrations of other programs. The results are in metres with Z up."""

@@ -1,4 +1,4 @@
-"""Look up a camera's values under the names that different programs use."""
+"""Look up a camera's calibration values under the names that different programs use."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from solver_backend.io.calibration.entry import CameraEntry
 Values = Mapping[str, Any]  # Values of one camera by name: numbers, nested lists, or ``{rows, cols, data}``.
 Nodes = list[tuple[str, Values]]  # Name and values of each camera.
 _SMALLEST_VOLUME = 1e-6
-"""Smallest determinant of the unit vectors along a projection matrix's three rows. Real lenses exceed 0.01."""
+"""Smallest determinant of a projection matrix's left block with rows of unit length. Real lenses exceed 0.01."""
 _TABLE = """
     K: matrix k cameramatrix intrinsics intrinsic intrinsicmatrix intrinsicmat mtx cammatrix calibrationmatrix
     P: projection projectionmatrix p proj
@@ -36,7 +36,7 @@ _TABLE = """
 """Each value and the names that other tools use for it, most common first, in lower case without separators."""
 SPELLINGS = {key.removesuffix(":"): tuple(names) for key, *names in map(str.split, _TABLE.strip().splitlines())}
 _FOCAL, _FOCAL_AND_CENTRE = {"fx", "fy", "cx", "cy"}, {"focal_length", "principal_point"}
-"""Keys of intrinsics: four separate numbers, or one or two focal lengths and a principal point (two coordinates)."""
+"""Keys of intrinsics without a matrix: four numbers, or a principal point with one or two focal lengths."""
 _TERMS = frozenset(term for model in LENS_MODELS.values() for term in model.terms)  # Names of distortion coefficients.
 
 
@@ -66,24 +66,24 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
 
 
 def projection_of(dlt: np.ndarray) -> np.ndarray:
-    """Return the (3, 4) projection matrix defined by DLT coefficients (Abdel-Aziz 1971)."""
+    """Return the projection matrix (3, 4) of 11 DLT coefficients (Abdel-Aziz 1971)."""
     return np.append(dlt, 1.0).reshape(3, 4)
 
 
 @lru_cache(maxsize=1024)
 def plain(key: Hashable) -> str:
-    """Convert a key to lower case and remove separators."""
+    """Convert a key to lower case and remove separators, to compare it with ``SPELLINGS``."""
     return re.sub(r"[^a-z0-9]", "", str(key).lower())
 
 
 def find(values: Values, what: str) -> Any:
-    """Return the value stored under any of the names that ``SPELLINGS`` lists for it, or None."""
+    """Find a value by any of its names in ``SPELLINGS``, or return None."""
     keys = {plain(key): key for key in values}
     return next((values[keys[name]] for name in SPELLINGS[what] if name in keys), None)
 
 
 def has_lens(node: Any) -> bool:
-    """Return whether a node contains an intrinsic matrix, its four parameters or a projection matrix."""
+    """Return whether a node of the file contains intrinsics or a projection matrix."""
     if not isinstance(node, Mapping):
         return False
     has_numbers = set(node) >= _FOCAL or set(node) >= _FOCAL_AND_CENTRE
@@ -91,7 +91,7 @@ def has_lens(node: Any) -> bool:
 
 
 def has_pose(values: Values) -> bool:
-    """Return whether the values include a pose, an extrinsic matrix or a projection matrix."""
+    """Return whether a camera's values include a pose, an extrinsic matrix or a projection matrix."""
     if find(values, "rotation") is not None and find(values, "translation") is not None:
         return True
     for what in ("extrinsics", "pose", "P") if find(values, "K") is None else ("extrinsics", "pose"):
@@ -104,7 +104,7 @@ def has_pose(values: Values) -> bool:
 
 
 def is_projection(value: Any) -> bool:
-    """Return whether a value has the shape of one or more (3, 4) matrices."""
+    """Return whether a value has the shape of one or more projection matrices (3, 4)."""
     try:
         return np.shape(value)[-2:] == (3, 4)
     except ValueError:
@@ -112,7 +112,7 @@ def is_projection(value: Any) -> bool:
 
 
 def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
-    """Build a camera from its values. If they include a name, it replaces ``name``."""
+    """Build a camera from its values. A name among the values replaces ``name``."""
     own = values.get("name", values.get("camera_name"))
     if own in (None, "") and isinstance(values.get("id"), str):
         own = values["id"]
@@ -149,7 +149,7 @@ def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
 
 
 def numbers(value: Any, place: str) -> np.ndarray:
-    """Convert nested lists or a ``{rows, cols, data}`` node to a float array."""
+    """Convert nested lists or OpenCV's ``{rows, cols, data}`` to a float array."""
     shape = None
     if isinstance(value, Mapping) and "data" in value:
         shape = (value.get("rows", -1), value.get("cols", -1))

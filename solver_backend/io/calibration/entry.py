@@ -1,4 +1,4 @@
-"""Store a camera as its calibration file describes it, and build ``Cameras`` from such entries."""
+"""Store cameras as a calibration file states them, correct them, and convert them to ``Cameras``."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras
 
 LARGEST_PICTURE = 1_000_000  # Largest width or height in pixels.
-ROUNDING = 1e-3  # Largest deviation from a rotation matrix attributed to rounding. Such a matrix is made exact.
+ROUNDING = 1e-3  # Largest deviation from a rotation matrix that is corrected as a rounding error.
 
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """A camera in OpenCV's convention: ``x_cam = R @ x_world + t``."""
+    """A camera in OpenCV's convention, as a file states it: ``x_cam = R @ x_world + t``."""
 
     name: str
     K: np.ndarray
@@ -48,18 +48,18 @@ class CameraEntry:
 
 @dataclass(frozen=True)
 class StatedCameras:
-    """Contents of a calibration file in the file's length unit and axes."""
+    """All cameras in a calibration file, in the file's length unit and axes."""
 
     entries: list[CameraEntry]  # Cameras in the file. Empty if the file has another format.
     unit: str = ""  # Length unit, or empty if the format does not define one.
     up_axis: str = ""  # Up axis of the file's world, or empty if the format does not define one.
-    source: str = "default"  # Where the unit and axis come from, for notes.
+    source: str = "default"  # Source of the unit and axis, for notes.
     problems: tuple[Diagnostic, ...] = ()
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """All cameras of a calibration in metres with Z up, and notes about assumptions."""
+    """Calibrated cameras in metres with Z up, and notes about the assumptions."""
 
     cameras: Cameras
     source: Path
@@ -75,7 +75,7 @@ class Calibration:
 
 
 def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
-    """Build ``Cameras`` from entries. A missing image size is derived from the principal point."""
+    """Convert camera entries to ``Cameras``. A missing image size is derived from the principal point."""
     finished = [replace(e, R=_exact_rotation(e.R), distortion=_trimmed(e, where)) for e in entries]
     sizes = [_possible_size(e.image_size or _guessed_size(e.K), f"{where}, camera {e.name}") for e in finished]
     width = max(len(e.distortion) for e in finished)
@@ -92,12 +92,12 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
 
 
 def _is_rounded(R: np.ndarray) -> bool:
-    """Return whether a matrix is a rotation matrix up to rounding, possibly mirrored."""
+    """Return whether a matrix is orthonormal up to rounding. It may be mirrored."""
     return bool(np.isfinite(R).all() and np.abs(R @ R.T - np.eye(3)).max() <= ROUNDING)
 
 
 def _exact_rotation(R: np.ndarray) -> np.ndarray:
-    """Replace a rounded rotation matrix by the nearest exact one. Return other matrices unchanged."""
+    """Replace a rounded rotation matrix by the nearest exact one. Other matrices are returned unchanged."""
     if not _is_rounded(R):
         return R
     U, _, Vt = np.linalg.svd(R)
@@ -141,7 +141,11 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
-    """Convert a file's cameras to our conventions, and return the corrections that were made."""
+    """Correct cameras in an unusual convention, such as focal lengths in image widths.
+
+    Return the cameras and a diagnostic for each correction. Raise ``CalibrationInvalid`` if focal lengths seem to be in
+    mm.
+    """
     names, found = [entry.name for entry in entries], []
     sized = all(e.image_size is not None for e in entries)
     sizes = [np.array(e.image_size or (1, 1)) for e in entries]

@@ -1,4 +1,4 @@
-"""Recognise cameras in the nested contents of YAML, JSON and XML files.
+"""Recognise cameras in the nested content of YAML, JSON and XML files.
 
 Functions in ``_FORMS`` read a program's entire file. Functions in ``_CAMERAS`` read one camera.
 """
@@ -37,12 +37,12 @@ _LINK = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # Robot
 _MOST_CAMERAS, _MOST_NODES = 256, 2000  # Limits on NeRF images and on nodes. Larger files hold frames or detections.
 _ALL = ("cameras", "cams", "calibration")  # Lower-case keys under which a file may store all of its cameras.
 _Steps = Mapping[str, tuple[str, np.ndarray]]
-"""For each frame, the name of its reference frame and the (4, 4) matrix from the reference frame to it."""
+"""For each coordinate frame, the name of its reference frame and the (4, 4) matrix from that frame to it."""
 
 
 @dataclass(frozen=True)
 class Content:
-    """The cameras in a file, and its length unit and up axis if the format defines them."""
+    """The cameras in a file, with the length unit and up axis of its format if defined."""
 
     nodes: Nodes
     unit: str = ""
@@ -50,7 +50,7 @@ class Content:
 
 
 def cameras_in_tree(stem: str, tree: Any) -> Content:
-    """Return the cameras found in nested content. Their intrinsics or pose may be missing."""
+    """Find the cameras in the nested content of a file. Their intrinsics or poses may be missing."""
     for form in _FORMS:
         if isinstance(tree, Mapping) and (found := form(tree)) is not None:
             return found
@@ -58,7 +58,7 @@ def cameras_in_tree(stem: str, tree: Any) -> Content:
 
 
 def _nodes(stem: str, tree: Any, shared: Values) -> Content:
-    """Return one camera for the whole tree, one per node, or one per entry of listed values."""
+    """Find one camera in the whole tree, one per node, or one per entry of listed values."""
     if (camera := _camera(tree, shared)) is not None:
         values, unit, up_axis = camera
         return Content(_stacked(values) or [(stem, values)], unit, up_axis)
@@ -80,7 +80,7 @@ def _nodes(stem: str, tree: Any, shared: Values) -> Content:
 
 
 def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
-    """Return a camera's values under our names with its length unit and up axis, or None."""
+    """Return a camera's values under our names, its length unit and its up axis, or None."""
     if not isinstance(node, Mapping):
         return None
     for convert, unit, up_axis in _CAMERAS:
@@ -93,7 +93,7 @@ def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
 
 
 def _stacked(values: Values) -> Nodes:
-    """Split values that list all cameras (as in ZJU-MoCap) into cameras. Return [] for a single camera.
+    """Split values that list all cameras (as in ZJU-MoCap) into one node per camera, or return [].
 
     If all rows have the same intrinsics, they describe one moving camera.
     """
@@ -109,7 +109,7 @@ def _stacked(values: Values) -> Nodes:
 
 # Values of a single camera.
 def _vector(value: Any, size: int, place: str) -> np.ndarray | None:
-    """Return ``size`` numbers from a list or from an object with x, y, z and w, or None."""
+    """Convert a list, or an object with x, y, z and w, to ``size`` numbers. Return None for other values."""
     if isinstance(value, Mapping) and "data" not in value:
         value = [value[key] for key in "xyzw"[:size] if key in value] if not (size == 3 and "w" in value) else None
     if value is None or isinstance(value, str):
@@ -121,7 +121,7 @@ def _vector(value: Any, size: int, place: str) -> np.ndarray | None:
 
 
 def _number(values: Values, *keys: str, default: float | None = None) -> float | None:
-    """Return the value of the first of these keys that exists, as a number."""
+    """Return the number under the first existing key, or the default."""
     value = next((values[key] for key in keys if values.get(key) is not None), default)
     array = np.zeros(1) if value is None else numbers(value, "")
     if array.size != 1:
@@ -130,7 +130,7 @@ def _number(values: Values, *keys: str, default: float | None = None) -> float |
 
 
 def _rotation(value: Any, order: str, degrees: bool) -> np.ndarray | None:
-    """Return the (3, 3) rotation given by a quaternion xyzw or by Euler angles in ``order``."""
+    """Convert a quaternion xyzw, or Euler angles in the given order, to a rotation (3, 3)."""
     if (q := _vector(value, 4, "rotation")) is not None:
         return np.asarray(matrix_from_quat(q[[3, 0, 1, 2]])) if np.linalg.norm(q) > 1e-9 else None
     if (angles := _vector(value, 3, "rotation")) is None:
@@ -143,14 +143,13 @@ def _rotation(value: Any, order: str, degrees: bool) -> np.ndarray | None:
 
 
 def _rigid(R: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Combine a (3, 3) rotation and a (3,) translation into a (4, 4) matrix."""
     whole = np.eye(4)
     whole[:3, :3], whole[:3, 3] = R, t
     return whole
 
 
 def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
-    """Return (4, 4) extrinsics with OpenCV axes from a camera's pose in the world, or None if the pose is invalid."""
+    """Convert a camera's pose in the world to extrinsics (4, 4) with OpenCV's axes, or None if it is invalid."""
     if pose.shape != (4, 4) or not (np.abs(pose) <= FARTHEST_IN_UNITS).all():
         return None
     pose = pose @ _rigid(axes, np.zeros(3))
@@ -158,7 +157,7 @@ def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
 
 
 def _picture(values: Values) -> tuple[float, float] | None:
-    """Return the image width and height in pixels."""
+    """Return the image width and height in pixels, or None."""
     size = find(values, "size")
     found = _vector([find(values, "width"), find(values, "height")] if size is None else size, 2, "size")
     if found is None or not (found > 0).all():
@@ -168,7 +167,7 @@ def _picture(values: Values) -> tuple[float, float] | None:
 
 
 def _seen(values: Values, f: tuple[float, float], centre: tuple[float, float], E: np.ndarray | None) -> Values:
-    """Build a camera's values from focal lengths and principal point (in pixels) and (4, 4) extrinsics."""
+    """Combine focal lengths and principal point in pixels with extrinsics (4, 4) into a camera's values."""
     (fx, fy), (cx, cy), size = f, centre, _picture(values)
     named = {key: values[key] for key in ("name", "distortion", "model") if key in values}
     return {**named, "fx": fx, "fy": fy, "cx": cx, "cy": cy, "extrinsics": E, "size": size}
@@ -178,7 +177,7 @@ def _seen(values: Values, f: tuple[float, float], centre: tuple[float, float], E
 def _unity(values: Values) -> Values | None:
     """Read a Unity camera: ``position`` in metres, and ``rotation`` as a quaternion or in degrees.
 
-    The lens is given by a vertical ``fieldOfView`` in degrees, or by ``focalLength``, ``sensorSize`` and ``lensShift``.
+    The lens is a vertical ``fieldOfView`` in degrees, or ``focalLength`` with ``sensorSize`` and ``lensShift``.
     """
     known = {plain(key): value for key, value in values.items()}
     if not _UNITY_LENS & known.keys():
@@ -207,10 +206,9 @@ def _unity(values: Values) -> Values | None:
 
 
 def _blender(values: Values) -> Values | None:
-    """Read a Blender camera given by ``matrix_world``, or by ``location`` and a rotation.
+    """Read a Blender camera with ``matrix_world``, or with ``location`` and a rotation.
 
-    The lens is given by ``lens`` and ``sensor_width`` in mm with ``sensor_fit``, or ``angle`` in radians. Shifts are
-    applied.
+    The lens is ``lens`` and ``sensor_width`` in mm with ``sensor_fit``, or ``angle`` in radians. Shifts are applied.
     """
     if not {"matrix_world", "rotation_euler", "rotation_quaternion"} & values.keys():
         return None
@@ -239,7 +237,7 @@ def _blender(values: Values) -> Values | None:
 
 
 def _fit3d(values: Values) -> Values | None:
-    """Read Fit3D's parameters: ``x_cam = R (x - T)``, focal lengths, a principal point, k1 k2 k3 and p1 p2."""
+    """Read a Fit3D camera: ``x_cam = R (x - T)``, focal lengths, principal point, k1 k2 k3 and p1 p2."""
     lens, outer = values.get("intrinsics_w_distortion"), values.get("extrinsics")
     if not isinstance(lens, Mapping) or not isinstance(outer, Mapping) or not {"R", "T"} <= outer.keys():
         return None
@@ -252,7 +250,7 @@ def _fit3d(values: Values) -> Values | None:
 
 
 def _opencap(values: Values) -> Values | None:
-    """Read OpenCap's ``cameraIntrinsicsExtrinsics``. ``imageSize`` is (height, width) or (width, height)."""
+    """Read an OpenCap camera. Its ``imageSize`` is (height, width) or (width, height)."""
     if not {"intrinsicMat", "rotation", "translation"} <= values.keys():
         return None
     K = numbers(values["intrinsicMat"], "intrinsicMat")
@@ -269,12 +267,12 @@ _CAMERAS: tuple[tuple[Callable[[Values], Values | None], str, str], ...] = (
     (_fit3d, "m", ""),
     (_opencap, "mm", ""),
 )
-"""Functions that read one camera, each with the length unit and up axis that its program always uses."""
+"""Functions that read one camera, with the length unit and up axis that the program always uses."""
 
 
 # Programs that store their cameras in another structure than a list of nodes.
 def _chained(steps: _Steps, name: str) -> np.ndarray:
-    """Multiply the matrices of a chain into one (4, 4) matrix from the root frame to the named frame."""
+    """Multiply the matrices (4, 4) from the root coordinate frame to the named one."""
     pose, at = np.eye(4), name
     for _ in range(len(steps) + 1):
         if at not in steps:
@@ -287,7 +285,7 @@ def _chained(steps: _Steps, name: str) -> np.ndarray:
 
 
 def _multical(tree: Values) -> Content | None:
-    """Read multical's ``cameras`` and ``camera_poses``. The pose ``a_to_b`` is relative to b."""
+    """Read multical's ``cameras`` and ``camera_poses``. A pose named ``a_to_b`` is the pose of a relative to b."""
     cameras, poses = tree.get("cameras"), tree.get("camera_poses")
     if not isinstance(cameras, Mapping) or not isinstance(poses, Mapping):
         return None
@@ -304,7 +302,7 @@ def _multical(tree: Values) -> Content | None:
 
 
 def _mccalib(tree: Values) -> Content | None:
-    """Read MC-Calib's cameras. Their poses map camera coordinates to the world of the camera group."""
+    """Read MC-Calib's cameras. Their poses are from camera to the world of the camera group."""
     nodes = [(str(k), v) for k, v in tree.items() if isinstance(v, Mapping) and "camera_pose_matrix" in v]
     if "nb_camera" not in tree or not nodes:
         return None
@@ -325,7 +323,7 @@ _MORE = re.compile(r"_?(?:cam)?_?(?:[03-9]|\d{2,})", re.IGNORECASE)  # End of su
 
 
 def _is_square(value: Any) -> bool:
-    """Return whether a value has the nine numbers of an intrinsic matrix."""
+    """Return whether a value has nine numbers, as an intrinsic matrix does."""
     try:
         return np.size(value.get("data", ()) if isinstance(value, Mapping) else value) == 9
     except ValueError:
@@ -354,7 +352,7 @@ def _stereo(tree: Values) -> Content | None:
 
 
 def _ros_pose(entry: Any) -> np.ndarray | None:
-    """Return the (4, 4) pose in a ROS Transform or Pose, or None for other content."""
+    """Return the pose (4, 4) in a ROS Transform or Pose message, or None for other content."""
     while isinstance(entry, Mapping):
         inner = next((entry[key] for key in ("transform", "pose") if isinstance(entry.get(key), Mapping)), None)
         if inner is None:
@@ -373,7 +371,7 @@ def _ros_pose(entry: Any) -> np.ndarray | None:
 
 
 def _ros(tree: Values) -> Content | None:
-    """Read ROS transforms from child to parent frames (REP 103, REP 105)."""
+    """Read camera poses from ROS transforms (REP 103, REP 105)."""
     listed = tree.get("transforms", tree)
     single = "transform" in tree or "child_frame_id" in tree
     entries = [("", tree)] if single else list(listed.items()) if isinstance(listed, Mapping) else []
@@ -402,7 +400,7 @@ _PARTS |= {"H": "height", "W": "width"}
 
 
 def _easymocap(tree: Values) -> Content | None:
-    """Read matrices with names like ``K_<camera>``, as in EasyMocap's files intri.yml and extri.yml."""
+    """Read matrices with names such as ``K_<camera>``, as in EasyMocap's intri.yml and extri.yml."""
     if {"R", "T"} <= tree.keys():  # an OpenCV stereo pair
         return None
     parts: dict[str, dict[str, Any]] = {}
@@ -414,7 +412,7 @@ def _easymocap(tree: Values) -> Content | None:
 
 
 def _human36m(tree: Values) -> Content | None:
-    """Read Human3.6M's JSON format: ``intrinsics[camera]`` and ``extrinsics[subject][camera]``."""
+    """Read Human3.6M's JSON file: ``intrinsics[camera]`` and ``extrinsics[subject][camera]``."""
     inner, outer = tree.get("intrinsics"), tree.get("extrinsics")
     if not isinstance(inner, Mapping) or not isinstance(outer, Mapping) or not all(map(has_lens, inner.values())):
         return None
@@ -429,10 +427,10 @@ def _human36m(tree: Values) -> Content | None:
 
 
 def _nerf(tree: Values) -> Content | None:
-    """Read the cameras of NeRF's transforms.json. Return None for moving cameras.
+    """Read the static cameras in NeRF's transforms.json. Return None if the cameras move.
 
-    ``transform_matrix`` maps camera coordinates to the world. A camera takes the name of its image, or of the folder if
-    all images have the same name.
+    ``transform_matrix`` is from camera to world. A camera takes the name of its image, or of the folder if all images
+    have the same name.
     """
     frames = tree.get("frames")
     if not isinstance(frames, list) or not 0 < len(frames) <= _MOST_CAMERAS:

@@ -1,4 +1,4 @@
-"""Read cameras stored as named values in TOML, YAML, JSON, XML, array and table files."""
+"""Read cameras stored as named matrices in TOML, YAML, JSON, XML, array and text files."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _MOST_KEYS = 8  # Largest number of keys listed in a message.
 
 @dataclass(frozen=True)
 class MatrixFile:
-    """The cameras in one file, as values that have not been interpreted yet."""
+    """Cameras in one file, before their values are interpreted."""
 
     path: Path
     content: Content
@@ -54,13 +54,13 @@ class MatrixFile:
 
     @property
     def holds_array(self) -> bool:
-        """Return whether the file describes several cameras completely."""
+        """True if the file contains intrinsics and poses of at least two cameras."""
         nodes = self.content.nodes
         return len(nodes) > 1 and all(has_lens(values) and has_pose(values) for _, values in nodes)
 
 
 def read_toml_cameras(path: Path) -> StatedCameras:
-    """Read the cameras in a TOML calibration (Pose2Sim, anipose, caliscope).
+    """Read the cameras in a TOML calibration of Pose2Sim, anipose or caliscope.
 
     Each camera is a table with ``matrix`` (3, 3), ``distortions``, ``rotation`` (Rodrigues vector or matrix, world to
     camera) and ``translation``. ``size`` and ``fisheye`` are optional.
@@ -69,7 +69,7 @@ def read_toml_cameras(path: Path) -> StatedCameras:
 
 
 def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
-    """Yield the name and table of each camera: ``[cam_01]``, or ``[cameras.0]`` for ``cam_0``."""
+    """Yield each camera's name and table. The table ``[cameras.0]`` has the name ``cam_0``."""
     for key, table in tables.items():
         if not isinstance(table, Mapping) or table.get("ignore") is True:
             continue
@@ -80,7 +80,10 @@ def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
 
 
 def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
-    """Read the cameras in a file whose suffix is in ``READ``."""
+    """Read the cameras in a file. Its suffix must be in ``READ``.
+
+    If ``nested`` is true, the folder may name the camera.
+    """
     read, largest = READ[path.suffix.lower()]
     if path.is_file() and path.stat().st_size > largest:
         return MatrixFile(path, Content([]))
@@ -91,7 +94,7 @@ def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
 
 
 def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
-    """Return the cameras in one or more files. Intrinsics and poses of the same camera are combined."""
+    """Combine the cameras of several files. Intrinsics and poses of the same camera are merged."""
     whole: list[tuple[str, Values, str]] = []
     lenses: dict[str, dict[str, Any]] = {}
     poses: dict[str, dict[str, Any]] = {}
@@ -117,7 +120,7 @@ def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
 
 
 def _keys(path: Path, tree: Any) -> str:
-    """Return the keys of a file that may be a calibration, or '' if nothing suggests that."""
+    """List the keys of a file that may be a calibration, or return '' for other files."""
     if not isinstance(tree, Mapping) or not tree:
         return ""
     inner = next((node for node in tree.values() if isinstance(node, Mapping) and node), {})
@@ -128,7 +131,7 @@ def _keys(path: Path, tree: Any) -> str:
 
 
 def _of_arrays(path: Path) -> Any:
-    """Return the arrays of an .npz file. Stacked arrays are split into one node per camera."""
+    """Read the arrays of an .npz file. Stacked arrays become one node per camera."""
     if "format" in array_names(path):  # our own formats have their own readers
         return {}
     known = {name for names in SPELLINGS.values() for name in names}
@@ -143,7 +146,7 @@ def _of_arrays(path: Path) -> Any:
 
 
 def _of_text(path: Path) -> Any:
-    """Return the camera given by a projection matrix, or one camera per column of DLT coefficients."""
+    """Read a text file with one projection matrix, or with a column of DLT coefficients per camera."""
     rows = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
     if len(rows) not in (3, DLT_NUMBERS) or len({len(row) for row in rows}) != 1:
         return {}
@@ -159,14 +162,14 @@ def _of_text(path: Path) -> Any:
 
 
 def _of_xml(path: Path) -> Any:
-    """Return the content of OpenCV's XML storage, or {} for other XML."""
+    """Read OpenCV's XML storage. Return {} for other XML files."""
     if b"<opencv_storage" not in first_bytes(path, _HEAD):
         return {}
     return _storage(read_xml(path, LARGEST_TEXT, "OpenCV's XML"))
 
 
 def _of_pickle(path: Path) -> Any:
-    """Return the arrays in a pickle file named like a calibration. Code in the file is never run."""
+    """Read the arrays in a pickle file with the name of a calibration. Code in the file is never run."""
     if not _LIKE_CALIBRATION.search(path.stem):
         return {}
     try:

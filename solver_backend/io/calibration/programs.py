@@ -54,7 +54,7 @@ def read_qualisys(path: Path) -> StatedCameras:
 
 
 def _in_whole_pixels(entry: CameraEntry) -> bool:
-    """Return whether intrinsics that were read in 1/64 pixel must be in whole pixels, given the image size."""
+    """Return whether intrinsics, read in 1/64 pixel, must be in whole pixels to match the image size."""
     assert entry.image_size is not None
     middle = 0.5 * np.array(entry.image_size)
     return bool((np.abs(SUBPIXELS * entry.K[:2, 2] - middle) < 0.5 * middle).all() and entry.K[0, 2] < middle[0] / 8)
@@ -97,7 +97,7 @@ def _entry(node: ElementTree.Element, path: Path) -> CameraEntry:
 def _field_of_view(
     node: ElementTree.Element, intrinsic: ElementTree.Element, place: str
 ) -> tuple[float, float, tuple[int, int]]:
-    """Return left, top and (width, height) of the video's field of view, in pixels."""
+    """Return the left edge, top edge and size (width, height) of the video's field of view in pixels."""
     views = (node.find("fov_video"), node.find("fov_video_max"))
     view = next((view for view in views if view is not None), None)
     if view is None:
@@ -118,7 +118,7 @@ def _number(node: ElementTree.Element, key: str, place: str, *, default: float |
 
 
 def read_vicon(path: Path) -> StatedCameras:
-    """Read a Vicon calibration (.xcp) in mm. If it contains video cameras, read only those.
+    """Read a Vicon calibration (.xcp) in mm. If it contains video cameras, only these are read.
 
     The last key frame contains the focal length in pixels, the principal point, the position, and the orientation from
     world to camera as a quaternion xyzw. ``VICON_RADIAL2`` has a centre and three radial coefficients in OpenCV's
@@ -162,11 +162,11 @@ def is_metashape(path: Path) -> bool:
 
 
 def read_metashape(path: Path) -> StatedCameras:
-    """Read the aligned cameras in Metashape's XML ("Export Cameras") in the chunk's unit.
+    """Read the aligned cameras in Metashape's XML ("Export Cameras"), in the unit of its chunk.
 
-    A camera's ``transform`` maps OpenCV's camera axes to the chunk. The chunk's transform maps to the world. ``cx`` and
-    ``cy`` are offsets from the image centre. ``p1`` and ``p2`` are OpenCV's p2 and p1. The horizontal focal length is f
-    + b1 (Agisoft Metashape user manual, appendix D, "Camera models").
+    A camera's ``transform`` is from OpenCV's camera axes to the chunk. The chunk's transform is to the world. ``cx``
+    and ``cy`` are offsets from the image centre. ``p1`` and ``p2`` are OpenCV's p2 and p1. The horizontal focal length
+    is f + b1 (Agisoft Metashape user manual, appendix D, "Camera models").
     """
     chunk = read_xml(path, LARGEST_TEXT, "Metashape's XML").find("chunk")
     chunk = ElementTree.Element("chunk") if chunk is None else chunk
@@ -197,7 +197,7 @@ _TERMS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2")  # El
 
 
 def _sensor(lens: ElementTree.Element, place: str) -> tuple[str, np.ndarray, np.ndarray, tuple[int, int]]:
-    """Return the lens model, K (3, 3), distortion coefficients and image size of a Metashape sensor."""
+    """Return a Metashape sensor's lens model, K (3, 3), distortion coefficients and image size."""
     found = lens.findall("calibration")
     used = next((c for c in found if c.get("class") == "adjusted"), found[-1])
     kind, resolution = used.get("type", lens.get("type", "frame")), used.find("resolution")
@@ -222,16 +222,18 @@ CAMERAS, IMAGES = "cameras.txt", "images.txt"
 _MODELS = {
     name: (model.name, focals, places) for model in LENS_MODELS.values() for name, focals, places in model.colmap
 }
-"""Our lens model, the number of focal lengths, and our index for each coefficient after the principal point."""
+"""For each COLMAP model: our lens model, the number of focal lengths, and our index of each distortion coefficient."""
 
 
 def is_colmap(folder: Path) -> bool:
-    """Return whether a folder contains COLMAP's text model."""
+    """Return whether a folder contains a COLMAP model as text."""
     return (folder / CAMERAS).is_file() and (folder / IMAGES).is_file()
 
 
 def read_colmap(folder: Path) -> StatedCameras:
-    """Read one camera per image in the model's unit. COLMAP's pixel centres are at 0.5, ours at 0.
+    """Read the cameras of a COLMAP text model, one per image, in the model's unit.
+
+    COLMAP's pixel centres are at 0.5, ours at 0.
 
     Reference: COLMAP documentation, "Output Format" (text) and "Camera Models".
     """
@@ -269,7 +271,7 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:
-    """Split each line into fields, without comments. ``every=2`` skips the lines of points."""
+    """Split the lines of a COLMAP file into fields, without comments. ``every=2`` skips lines of points."""
     lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
     return [line.split() for line in lines[::every] if line.strip()]
 

@@ -1,4 +1,4 @@
-"""Recognise and read a calibration in any supported format."""
+"""Recognise and read a camera calibration in any supported format."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _WHOLE: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], StatedCameras]
     ("Metashape", is_metashape, read_metashape),
     ("COLMAP", is_colmap, read_colmap),
 )
-"""Name, recogniser and reader of each format that keeps all cameras in one file or folder, most reliable first."""
+"""Name, recogniser and reader of each format with all cameras in one file or folder. The most reliable comes first."""
 _NEEDED = "an intrinsic matrix (K, camera_matrix, or fx, fy, cx, cy)", "a rotation and a translation"
 """Values that every camera needs, for messages."""
 _MOST_FOLDERS = 64  # Largest number of camera folders to read in a calibration folder.
@@ -65,7 +65,7 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
 def calibrations_in(
     folder: Path, *, unit: str | None = None, up_axis: str | None = None, nested: bool = False
 ) -> tuple[list[Calibration], list[MocapError]]:
-    """Return every calibration in a folder, and the errors for damaged, invalid or unknown files.
+    """Read every calibration in a folder. Also return the errors for damaged, invalid or unknown files.
 
     Each TOML, Qualisys, Vicon or Metashape file is a calibration, and so is each OpenCV file with several cameras. The
     remaining OpenCV files together form one calibration. Other files are skipped. ``nested`` also reads the camera
@@ -113,7 +113,7 @@ def _matrix_files(paths: Iterable[Path]) -> list[Path]:
 
 
 def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]:
-    """Yield an error with the keys and the missing values of each file that may be a calibration."""
+    """Yield an error for each file that may be a calibration. It lists the file's keys and the missing values."""
     for file in files:
         if file.keys or file.content.nodes:
             poses = [name for name, _ in file.content.nodes]
@@ -125,7 +125,7 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]
 
 
 def _of_program(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
-    """Read a file or folder written by a known calibration program, or return None."""
+    """Read the calibration of a program in ``_WHOLE``, or return None for other files."""
     for kind, recognises, read in _WHOLE:
         if recognises(path):
             return interpret_cameras(read(path), path, kind, unit, up_axis)

@@ -1,4 +1,4 @@
-"""Find the calibration of a recording in its folder, next to it, or in the folders above it."""
+"""Find a recording's calibration in its folder, next to it, or in the folders above."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CONFIG = "Config.toml"
 MOST_LEVELS = 5
 """Largest number of folder levels to search, starting at the recording. Chosen by hand."""
 AGREES_BY_NAME = 0.7
-"""If at least this fraction of keypoints agrees with the assignment by name, no other assignment is tried."""
+"""Fraction of agreeing keypoints above which cameras are assigned by name, without other attempts."""
 CLEARLY_BETTER = 0.2
 """Smallest increase in the fraction of agreeing keypoints for which another calibration replaces the first."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
@@ -47,11 +47,11 @@ _UNSUPPORTED = {
 
 
 ByViews = Callable[[Cameras, list[int] | None], list[int] | None]
-"""Function that assigns calibrated cameras to recorded ones by their views, given an assignment by name or order."""
+"""Assigns calibrated cameras to recorded ones by their views. Its second argument is an assignment by name or order."""
 
 
 def levels_above(root: Path) -> list[Path]:
-    """Return a folder, its parent, and the folders above them that belong to the same recording.
+    """List a folder, its parent, and the folders above them that belong to the same recording.
 
     A folder belongs to it if its subfolder contains a Config.toml or has a Pose2Sim name such as ``S00_P00_...``.
     """
@@ -65,12 +65,12 @@ def levels_above(root: Path) -> list[Path]:
 
 
 def is_calibration_folder(path: Path) -> bool:
-    """Return whether a folder name suggests a calibration."""
+    """Return whether a path is a folder with the name of a calibration."""
     return path.is_dir() and _CALIBRATION.fullmatch(path.name) is not None
 
 
 def holds_cameras(path: Path) -> bool:
-    """Return whether a folder has a name in ``_CAMERAS`` or the name of a calibration."""
+    """Return whether a folder has the name of a calibration, or a name in ``_CAMERAS``."""
     return path.name.lower() in _CAMERAS or is_calibration_folder(path)
 
 
@@ -84,11 +84,12 @@ def find_calibration(
     by_views: ByViews | None = None,
     agreement: Callable[[Cameras], float] | None = None,
 ) -> Calibration:
-    """Find the calibration nearest to a recording, and return it in the order of the recorded cameras.
+    """Find the calibration nearest to a recording. Return its cameras in the recorded order.
 
     Args:
+        recorded: names of the recorded cameras.
         unit: see ``read_calibration``.
-        names: calibrated name of each recorded camera whose name differs.
+        names: calibrated name of each recorded camera, for names that differ.
         by_views: assigns cameras if no calibration contains the recorded names and ``names`` is empty.
         agreement: returns the fraction of keypoints that agree between views, given cameras in the recorded order. It
             is used to choose between several calibrations in one folder.
@@ -148,7 +149,7 @@ def find_calibration(
 
 
 def _is_named(error: MocapError) -> bool:
-    """Return whether an error concerns a file named like a calibration."""
+    """Return whether an error is about a file with the name of a calibration."""
     return _CALIBRATION.match(Path(error.where or "").stem) is not None
 
 
@@ -183,7 +184,7 @@ def _others_of_more(
     by_views: ByViews,
     agreement: Callable[[Cameras], float],
 ) -> Calibration:
-    """Return ``chosen``, or an assignment by views if the assignment by name fits the views poorly."""
+    """Return ``chosen``, or an assignment by views if the views disagree with the assignment by name."""
     if len(whole.cameras) == len(recorded) or agreement(chosen.cameras) >= AGREES_BY_NAME:
         return chosen
     order = by_views(whole.cameras, by_names)
@@ -191,7 +192,7 @@ def _others_of_more(
 
 
 def _assigned_by_views(found: Calibration, recorded: Sequence[str], **calibrated: Any) -> Calibration:
-    """Return a calibration in the recorded order, and add a problem that lists the camera pairs."""
+    """Rename a calibration's cameras to the recorded names, and report the camera pairs as a problem."""
     pairs = [f"{name} is {camera}" for name, camera in zip(recorded, found.cameras.names, strict=True)]
     assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, **calibrated)
     return replace(found, problems=(*found.problems, assigned))
@@ -219,7 +220,7 @@ def _folders(root: Path) -> Iterator[Path]:
 
 
 def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibration]:
-    """Return the calibrations that AIST++'s mapping lists for the recorded take, or all calibrations."""
+    """Select the calibrations that AIST++'s mapping file lists for the recorded take, or return all."""
     if not (folder / _MAPPING).is_file():
         return found
     rows = (line.split() for line in read_text(folder / _MAPPING, LARGEST_TEXT).splitlines())
@@ -229,7 +230,7 @@ def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibra
 
 
 def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) -> Calibration:
-    """Reorder the cameras of a calibration. Add notes about omitted and differently named cameras."""
+    """Reorder a calibration's cameras. Omitted cameras and cameras with other names are reported."""
     left_out = [name for i, name in enumerate(found.cameras.names) if i not in order]
     notes = (diagnostic("calibrated_not_recorded", cameras=left_out),) if left_out else ()
     pairs = zip(recorded, (found.cameras.names[i] for i in order), strict=bool(recorded))
@@ -245,7 +246,7 @@ def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) 
 
 
 def _name_unsupported(folders: Iterable[Path]) -> tuple[str, str] | None:
-    """Return a sentence about the first unsupported file and a hint, or None."""
+    """Return a sentence and a hint about the first unsupported calibration file, or None."""
     for folder in folders:
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             if (known := _UNSUPPORTED.get(path.suffix.lower())) is not None:

@@ -68,7 +68,7 @@ def _logical_lines(text: str) -> list[_Line]:
 
 
 def _key_and_rest(text: str) -> tuple[str, str] | None:
-    """Split a line into its key and the text after the colon. Return None if it is not ``key: value``."""
+    """Split a line at its colon into key and text. Return None if the line is not ``key: value``."""
     if text[0] in "\"'":
         key, quote, rest = text[1:].partition(text[0])
         rest = rest.lstrip() if quote else ""
@@ -125,7 +125,7 @@ def _mapping(lines: list[_Line], i: int, indent: int) -> tuple[dict[str, Any], i
 
 
 def _value(rest: str, lines: list[_Line], i: int, indent: int) -> tuple[Any, int]:
-    """Return the value that starts with ``rest`` in line ``i``, and the next line's index."""
+    """Parse the value that starts with ``rest`` in line ``i``. Also return the index of the next line."""
     rest = _TAG.sub("", rest)
     if rest:
         return _flow(rest, lines[i].number), i + 1
@@ -169,7 +169,7 @@ def _flow_value(text: str, i: int) -> tuple[Any, int]:
 
 
 def _flow_items(text: str, i: int, closing: str) -> tuple[Any, int]:
-    """Return the list or map that starts at index ``i``, and the index after it."""
+    """Parse the list or map that starts at index ``i``. Also return the index after it."""
     items: list[tuple[str, Any]] = []
     i, key = _after_blanks(text, i), ""
     while text[i] != closing:

@@ -1,1 +1,1 @@
-"""Read captures made by other programs."""
+"""Read captures from the files and folders of other programs."""

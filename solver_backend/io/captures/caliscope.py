@@ -1,4 +1,4 @@
-"""Read caliscope's tracked points and the project's calibration."""
+"""Read the points tracked by caliscope and the calibration of their project."""
 
 from __future__ import annotations
 
@@ -31,14 +31,13 @@ _LARGEST_NUMBER = 1e9  # Largest whole number in a table.
 
 
 def _file(path: Path) -> Path | None:
-    """Return the table at a path or in a folder, or None."""
+    """Return the table of points at a path or in a folder, or None."""
     inside = list(path.iterdir()) if path.is_dir() else [path] if path.is_file() else []
     found = [p for p in inside if p.name.lower().startswith("xy_") and p.suffix.lower() == ".csv"]
     return found[0] if len(found) == 1 else None
 
 
 def _read(path: Path, options: ReadOptions) -> Capture:
-    """Read the tracked points of one person."""
     source = _file(path) or path
     numbers, xy = _rows(source)
     above = list(source.parents)[:_LEVELS]
@@ -83,7 +82,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
 
 
 def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) integers (sync_index, camera and point), and (N, 2) pixels."""
+    """Read a table of points. Return sync_index, camera and point (N, 3), and pixels (N, 2)."""
     header, rows = read_rows(path)
     camera = next((name for name in _CAMERA if name in header), _CAMERA[0])
     needed = ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")

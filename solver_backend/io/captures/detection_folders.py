@@ -1,4 +1,4 @@
-"""Read a folder of detections and its calibration as a capture of everyone in it."""
+"""Read a folder of detections and its calibration as a capture."""
 
 from __future__ import annotations
 
@@ -46,7 +46,6 @@ _KIND = (
 
 
 def _read(root: Path, options: ReadOptions) -> Capture:
-    """Read all detections and their calibration, and separate the people."""
     sources = camera_sources(root)
     if options.camera_path:  # a calibrated pose does not describe the images of a moving camera
         options = replace(options, as_calibrated=True)
@@ -142,10 +141,10 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 
 
 def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | None) -> Calibration:
-    """Return one camera with a typical phone lens, and a problem that reports this assumption.
+    """Return one camera with a typical phone lens. Its ``problems`` report this assumption.
 
     Without a video, the image size is the smallest common size that contains nearly all confident keypoints. A few
-    extrapolated keypoints may lie outside the image.
+    extrapolated keypoints may be outside the image.
 
     Raises:
         NoDetections: no person was detected.

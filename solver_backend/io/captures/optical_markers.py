@@ -80,7 +80,7 @@ def _part(take: MarkerTake, names: tuple[str, ...], things: Sequence[str]) -> Ma
 
 
 def joined_columns(one: MarkerCloud | None, two: MarkerCloud) -> MarkerCloud | None:
-    """Join the markers of two clouds with the same frames. The first cloud may be None."""
+    """Join the markers of two clouds that have the same frames. The first cloud may be None."""
     if not two.labels:
         return one
     if one is None:
@@ -116,7 +116,6 @@ def _hint(parts: list[str], places: dict[str, frozenset[str]]) -> str:
 
 
 def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
-    """Convert one subject's markers to a capture."""
     try:
         take = of_subject(take, options.subject_prefix)
     except JobInvalid as error:
@@ -161,7 +160,7 @@ def _label_notes(names: MarkerNames, nameless: tuple[str, ...]) -> list[Diagnost
 
 
 def left_to_network(names: MarkerNames) -> bool:
-    """Return whether the labels name too few landmarks, but the network has enough markers to work with."""
+    """Return whether the labels name too few landmarks for a solve, but enough markers for the network."""
     return len(names.known) < LEAST_MARKERS and len(names.known) + len(names.unknown) >= LEAST_NETWORK_PLACES
 
 

@@ -1,1 +1,1 @@
-"""Read keypoints from detector output files."""
+"""Read keypoints from the output files of detectors."""

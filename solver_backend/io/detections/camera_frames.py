@@ -1,4 +1,4 @@
-"""Store the people detected in the frames of one camera, independent of the file format."""
+"""Store the people that one camera shows in each frame, independent of the file format."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import spans_too_much
 from solver_backend.types import UNSEEN_POINT, JointSet
 
-People = list[np.ndarray]  # Per person in an image: (K, 3) x and y in pixels, and the confidence as written.
+People = list[np.ndarray]  # Per person in an image: (K, 3) x and y in pixels, and the confidence in the file.
 
 NOBODY = -1.0  # Confidence that some programs write for undetected points.
 
 Hands = list[np.ndarray | None]
-"""A person's hands: (2, 21, 3) x, y in pixels and confidence as written, left first. None if not detected."""
+"""Per person in an image: hands (2, 21, 3), left first, x and y in pixels and confidence in the file, or None."""
 
 
 @dataclass(frozen=True)
 class CameraFrames:
-    """The frames of one camera. People are read on demand."""
+    """The detections in the frames of one camera. ``people`` reads them on demand."""
 
     numbers: np.ndarray
     """(N,) frame numbers, ascending."""
@@ -40,7 +40,7 @@ class CameraFrames:
 
     @classmethod
     def in_memory(cls, frames: Mapping[int, People], path: Path, keypoints: tuple[str, ...] = ()) -> CameraFrames:
-        """Build camera frames from the people in each frame of a single file."""
+        """Store the people in each frame of a file, by frame number."""
         if not frames:
             raise FileDamaged("The file has no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)
@@ -54,7 +54,7 @@ class CameraFrames:
     def of_array(
         cls, points: np.ndarray, path: Path, keypoints: tuple[str, ...] = (), numbers: Sequence[int] | None = None
     ) -> CameraFrames:
-        """Build camera frames from (F, P, K, 3) points. People whose points all have no confidence are omitted."""
+        """Store points (F, P, K, 3). People without any confident point are omitted."""
         seen = has_score(points[..., 2]).any(-1)
         counted = zip(numbers or range(len(points)), points, seen, strict=True)
         frames = {number: list(people[there]) for number, people, there in counted}
@@ -64,7 +64,7 @@ class CameraFrames:
     def of_people(
         cls, found: Iterable[tuple[int, np.ndarray]], path: Path, keypoints: tuple[str, ...] = ()
     ) -> CameraFrames:
-        """Build camera frames from pairs of a frame number and its people (K, 3)."""
+        """Group people (K, 3) by their frame numbers."""
         frames: dict[int, People] = {}
         for number, person in found:
             here = frames.setdefault(number, [])
@@ -74,21 +74,21 @@ class CameraFrames:
 
 
 def is_seen(person: np.ndarray) -> bool:
-    """Return whether at least one point of a person (K, 3) has a confidence or log-confidence."""
+    """Return whether a detector found at least one point of a person (K, 3)."""
     return bool(has_score(person[:, 2]).any())
 
 
 def has_score(written: np.ndarray) -> np.ndarray:
-    """Return a mask of the values that are confidences or log-confidences."""
+    """Return a mask of the confidences or log-confidences that mark detected points."""
     return (np.nan_to_num(written) != 0) & (written != NOBODY)
 
 
 def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.ndarray | None:
-    """Extract (..., 2, 21, 3) hands from whole-body keypoints, left hand first, or return None.
+    """Extract hands (..., 2, 21, 3) from whole-body keypoints, left first, or return None.
 
     Args:
         xy: (..., K, 2) pixels of all K keypoints in the file.
-        confidence: (..., K) written confidences.
+        confidence: (..., K) confidences in the file.
         joint_set: joint set of the keypoints.
     """
     firsts = HAND_COLUMNS.get((joint_set, xy.shape[-2]))
@@ -99,7 +99,7 @@ def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.
 
 
 def cleaned_hands(hands: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Replace undetected points of (..., 2, 21, 3) hands by NaN. Return the hands, notes and problems."""
+    """Replace undetected points in hands (..., 2, 21, 3) by NaN. Also return notes and problems."""
     unseen = np.isnan(hands).any(-1) | ~(hands[..., 2] > 0) | (hands[..., :2] == 0).all(-1)
     sure, notes, problems = on_unit_scale(np.where(unseen, 0.0, hands[..., 2]))
     cleaned = np.concatenate([hands[..., :2], sure[..., None]], axis=-1).astype(np.float32)

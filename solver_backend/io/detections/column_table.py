@@ -1,4 +1,4 @@
-"""Read detections from text tables with one row per person or per point."""
+"""Read detections from text tables. A row is a person or a point."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ FRAMES = ("frame", "frame_idx", "frame_index", "frame_number", "frame_id", "fram
 """Lower-case headings of the frame number column. Several rows with the same frame are several people."""
 CAMERAS = ("camera", "camera_id", "camera_name", "cam", "cam_id", "view", "view_id", "video")
 """Lower-case headings of the camera column in a table with several cameras."""
-LEAST_POINTS = 8  # Smallest number of points with x and y in a table of a body.
+LEAST_POINTS = 8  # Smallest number of points (with x and y columns) in a table of detections.
 
 
 def _text(path: Path) -> tuple[str, str]:
-    """Return a table's text with decimal points, and its delimiter."""
+    """Read a table's text with decimal points, and its delimiter."""
     text = read_text(path)
     delimiter = delimiter_of(text.partition("\n")[0])
     return (text if delimiter == "," else text.replace(",", ".")), delimiter
 
 
 def _rows(path: Path, text: tuple[str, str] | None = None) -> tuple[list[str], list[list[str]]]:
-    """Return a table's heading and rows."""
+    """Split a table into its heading and its rows."""
     rows = csv_rows(*(text or _text(path)), path)
     if not rows:
         raise FileDamaged("The table has no heading row.", where=str(path))
@@ -41,7 +41,7 @@ def _rows(path: Path, text: tuple[str, str] | None = None) -> tuple[list[str], l
 
 
 def _by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFrames]) -> Cameras:
-    """Return the cameras in a table with a camera column, or {} for other tables."""
+    """Return a reader for each camera in a table with a camera column, or {} for other tables."""
     column = _column(heading_of(path), CAMERAS)
     if column is None:
         return {}
@@ -53,7 +53,6 @@ def _by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFr
 
 
 def _column(heading: list[str], names: Sequence[str]) -> int | None:
-    """Return the index of the first heading that is in ``names``, or None."""
     plain = [name.strip().lower().replace(" ", "_") for name in heading]
     return next((plain.index(name) for name in names if name in plain), None)
 
@@ -74,18 +73,18 @@ _COORDS = ("x", "y", "likelihood")
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file begins with the heading of a detection table."""
+    """Return whether a file begins with the heading of a table with one row per person."""
     whole = _points_in(heading_of(path)).values()
     return len(whole) >= LEAST_POINTS and not any("z" in coords and "likelihood" not in coords for coords in whole)
 
 
 def cameras_in(path: Path) -> Cameras:
-    """Return the cameras in a table with several cameras, or {} for a single-camera table."""
+    """Return a reader for each camera in a table of several cameras, or {} for a single camera."""
     return _by_camera(path, lambda heading, rows: _frames(heading, rows, path))
 
 
 def read_table(path: Path) -> CameraFrames:
-    """Read the frames of one camera. A point without a score has confidence 1."""
+    """Read a table with one row per person. A point without a score has confidence 1."""
     return _frames(*_rows(path), path)
 
 
@@ -104,7 +103,7 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
 
 
 def _points_in(heading: list[str]) -> dict[str, dict[str, int]]:
-    """For each point that has both x and y, return its columns."""
+    """Return the columns of each point that has both x and y."""
     for pattern in (_COLUMN, _COORD_FIRST):
         points: dict[str, dict[str, int]] = {}
         for column, name in enumerate(heading):
@@ -119,7 +118,7 @@ def _points_in(heading: list[str]) -> dict[str, dict[str, int]]:
 
 
 def _in_order(names: list[str]) -> tuple[list[str], bool]:
-    """Sort numbered points and return False as well, or return named points unchanged and True."""
+    """Sort numbered points and return False, or keep named points and return True."""
     numbers = [int(found[1]) if (found := _NUMBERED.fullmatch(name)) else -1 for name in names]
     first = min(numbers, default=-1)
     if first in (0, 1) and sorted(numbers) == list(range(first, first + len(names))):
@@ -128,7 +127,7 @@ def _in_order(names: list[str]) -> tuple[list[str], bool]:
 
 
 def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
-    """Return (rows, columns) numbers. Empty cells are NaN, and missing columns are 1."""
+    """Convert the cells of the given columns to numbers. Empty cells are NaN, and missing columns are 1."""
     there = [column for column in columns if column is not None]
     values = np.ones((len(rows), len(columns)))
     if rows and there:
@@ -166,12 +165,12 @@ def has_point_rows(path: Path) -> bool:
 
 
 def cameras_in_point_rows(path: Path) -> Cameras:
-    """Return the cameras in a table with several cameras, or {} for a single-camera table."""
+    """Return a reader for each camera in a table with one row per point, or {} for a single camera."""
     return _by_camera(path, lambda heading, rows: _frames_of_points(heading, partial(_cells, rows), path))
 
 
 def read_point_rows(path: Path) -> CameraFrames:
-    """Read the frames of one camera. A point without a score has confidence 1."""
+    """Read a table with one row per point. A point without a score has confidence 1."""
     text, delimiter = _text(path)
     if (cells := _even_cells(text, delimiter)) is not None:
         width = text.partition("\n")[0].count(delimiter) + 1
@@ -185,7 +184,7 @@ def _cells(rows: list[list[str]], column: int) -> list[str]:
 
 
 def _even_cells(text: str, delimiter: str) -> list[str] | None:
-    """Return the cells of a table without quotes or blank lines whose rows have equal length, or None.
+    """Split a table without quotes or blank lines into cells, or return None if row lengths differ.
 
     Splitting the whole text once is four times as fast as splitting each row. The first cell of each row after the
     heading begins with a line break, which reveals rows of a different length.
@@ -233,7 +232,7 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
 
 
 def _places(spelled: Iterable[str]) -> dict[str, int]:
-    """Return the column of each point, given by its number or by the order of the names."""
+    """Return each point's column, by its number or by the order of the names."""
     written = {name: name.strip() for name in dict.fromkeys(spelled)}
     if all(name.isdecimal() for name in written.values()):
         first = min(map(int, written.values()), default=0)
@@ -243,7 +242,6 @@ def _places(spelled: Iterable[str]) -> dict[str, int]:
 
 
 def _floats(cells: list[str]) -> np.ndarray:
-    """Convert cells to numbers. Empty cells become NaN."""
     try:
         return np.fromiter(map(float, cells), np.float64)
     except ValueError:
@@ -252,24 +250,24 @@ def _floats(cells: list[str]) -> np.ndarray:
 
 # DeepLabCut and JARVIS. JARVIS calls individuals entities.
 _HEADINGS = {name: name for name in ("scorer", "individuals", "bodyparts", "coords")} | {"entities": "individuals"}
-"""Names of the heading rows."""
+"""Our name for the first cell of each heading row."""
 _DLC_COORDS = {"x": 0, "y": 1, "likelihood": 2, "state": 2}
-"""Column of each coordinate. JARVIS writes state 1 or 2 for an annotated point."""
+"""Index of each coordinate. JARVIS writes state 1 or 2 for an annotated point."""
 _DLC_START_BYTES = 64  # Number of bytes read to recognise a file.
 
 
 def is_deeplabcut(path: Path) -> bool:
-    """Return whether a file begins like a DeepLabCut table."""
+    """Return whether a file begins like a DeepLabCut or JARVIS table."""
     return first_bytes(path, _DLC_START_BYTES).lstrip(b"\xef\xbb\xbf").lower().startswith(b"scorer,")
 
 
 def deeplabcut_camera(path: Path) -> str:
-    """Return the video name in a DeepLabCut file name, such as ``cam01``."""
+    """Extract the video name, such as ``cam01``, from the name of a DeepLabCut file."""
     return path.stem.split("DLC")[0].rstrip("_- ") or path.stem
 
 
 def read_deeplabcut(path: Path) -> CameraFrames:
-    """Read the frames of one camera."""
+    """Read a DeepLabCut or JARVIS table."""
     rows = csv_rows(read_text(path), ",", path)
     headings: dict[str, list[str]] = {}
     while rows and (heading := _HEADINGS.get(rows[0][0].strip().lower())):
@@ -306,7 +304,7 @@ def frames_of_columns(
     coords: Sequence[str],
     path: Path,
 ) -> CameraFrames:
-    """Build camera frames from a table with one column per person, point and coordinate.
+    """Store a table that has one column per person, point and coordinate.
 
     Args:
         numbers: numbers of the F frames.
@@ -335,7 +333,7 @@ _LINE_BYTES = 1 << 14  # Largest length of a file's first line in bytes, chosen 
 
 
 def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
-    """Group Ultralytics text files by the video in their names. Return {} for other files."""
+    """Group Ultralytics text files by the video in their names, or return {} for other files."""
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() == ".txt" and _NAME.fullmatch(p.stem))
     cameras: dict[str, list[Path]] = {}
     if paths and _is_line_of_person(paths[0]):
@@ -346,7 +344,7 @@ def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
 
 
 def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
-    """Read the frames of one camera. Their numbers are in the file names.
+    """Read one camera's Ultralytics text files. Their names contain the frame numbers.
 
     Seventeen points are the COCO joint set, which all Ultralytics models detect.
     """
@@ -361,7 +359,7 @@ def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
 
 
 def _lines(path: Path) -> People:
-    """Return (K, 3) points per line. An extra number after the last point is a track number."""
+    """Read points (K, 3) from each line. An extra number after the last point is a track number."""
     try:
         lines = [np.array(line.split(), dtype=np.float64) for line in read_text(path).splitlines() if line.strip()]
         points = [line[_BOX:] for line in lines]

@@ -38,7 +38,7 @@ _BOXES = ("bboxes", "labels")  # Keys of an image in MMDetection files.
 
 
 def _triples(values: object, name: str, where: str) -> np.ndarray:
-    """Convert 3 K numbers or K triples to (K, 3) points. ``name`` is for errors."""
+    """Convert 3 K numbers, or K triples, to points (K, 3). ``name`` is the key, for errors."""
     if not isinstance(values, list):
         raise FileDamaged(f"A person in the file has no '{name}'.", where=where)
     try:
@@ -60,7 +60,7 @@ def _object_point(point: Mapping[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def _person(entry: Any, where: str) -> np.ndarray:
-    """Return a person's (K, 3) points from scores, triples or objects."""
+    """Convert a person's scores and points, triples, or objects to points (K, 3)."""
     if not isinstance(entry, dict):
         hint = "Export the detections again, with an object for each person."
         raise FileDamaged("A person in the file is not a JSON object.", where=where, hint=hint)
@@ -88,13 +88,13 @@ def _person(entry: Any, where: str) -> np.ndarray:
 
 
 def _points_of(entry: dict[str, Any]) -> Any:
-    """Return a person's points, or None if the entry is not a person, such as a box from MMPose."""
+    """Return a person's points, or None for other entries, such as a box from MMPose."""
     points = next((entry[name] for name in _POINTS if name in entry), None)
     return points if isinstance(points, list) else None
 
 
 def _names_in(entry: dict[str, Any]) -> tuple[str, ...]:
-    """Return the names of a person's points if they are named objects."""
+    """Return the names of a person's points if they are objects with names."""
     points = _points_of(entry)
     if not _are_point_objects(points):
         return ()
@@ -104,7 +104,7 @@ def _names_in(entry: dict[str, Any]) -> tuple[str, ...]:
 
 # Documents that describe one image.
 def people_in_picture(document: Any, where: str) -> People:
-    """Return everyone in a document that describes one image.
+    """Read everyone in a document that describes one image.
 
     Raises:
         KeypointCountMismatch: the length of a keypoint list is not a multiple of three.
@@ -136,7 +136,7 @@ def _kept(people: Iterable[np.ndarray | None]) -> People:
 
 
 def _are_listed(people: list[Any]) -> bool:
-    """Return whether people have points in a known format, and nobody has OpenPose's lists."""
+    """Return whether all people have points in a known format other than OpenPose's."""
     return bool(people) and all(
         isinstance(entry, dict) and not any(name in entry for name in _OPENPOSE) and _points_of(entry) is not None
         for entry in people
@@ -144,7 +144,7 @@ def _are_listed(people: list[Any]) -> bool:
 
 
 def _is_openpose(document: Any) -> bool:
-    """Return whether a document is an OpenPose image. Its people have OpenPose's lists or are ``{}``."""
+    """Return whether a document is an OpenPose image. Its people have OpenPose's keys or are ``{}``."""
     people = document.get("people") if isinstance(document, dict) else None
     return isinstance(people, list) and all(
         isinstance(entry, dict) and (not entry or any(name in entry for name in _OPENPOSE)) for entry in people
@@ -152,7 +152,7 @@ def _is_openpose(document: Any) -> bool:
 
 
 def _openpose_person(entry: Any, where: str) -> np.ndarray | None:
-    """Return a person's (K, 3) points, or None for ``{}``, which Pose2Sim writes for an unmatched person."""
+    """Return a person's points (K, 3), or None for ``{}``, which Pose2Sim writes for an unmatched person."""
     if entry == {}:
         return None
     if not isinstance(entry, dict):
@@ -179,7 +179,7 @@ def listed_people(document: Any) -> list[Any] | None:
 
 
 def _several(document: dict[str, Any]) -> list[Any] | None:
-    """Return the people in a document that stores (P, K, 2) points and (P, K) scores for everyone."""
+    """Split points (P, K, 2) and scores (P, K) of everyone into one entry per person, or return None."""
     people = _points_of(document)
     if not people or not all(isinstance(person, list) and person for person in people):
         return None
@@ -195,7 +195,7 @@ def _several(document: dict[str, Any]) -> list[Any] | None:
 
 
 def _hands_in_picture(document: Any, where: str) -> Hands:
-    """Return everyone's hands in a document that describes one image, in the order of ``people_in_picture``."""
+    """Read everyone's hands in a document that describes one image, in the order of ``people_in_picture``."""
     entries = (document.get("people", document.get("annots")) or ()) if isinstance(document, dict) else ()
     people = (entry for entry in entries if isinstance(entry, dict))
     return [_hands(entry, where) for entry in people if any(entry.get(name) for name in (*_OPENPOSE, "keypoints"))]
@@ -226,7 +226,7 @@ _Named = Mapping[str, Any]
 
 
 def _named_people(frame: Any) -> list[_Named] | None:
-    """Return the people in a frame whose points have names, or None for other content."""
+    """Return the people in a frame if their points have names, or None for other content."""
     if frame is None or frame in ({}, []):
         return []
     if isinstance(frame, dict) and isinstance(listed := next((frame[n] for n in _PEOPLE if n in frame), None), list):
@@ -252,7 +252,7 @@ def _is_point(value: Any) -> bool:
 
 
 def _are_named_frames(frames: Iterable[Any]) -> bool:
-    """Return whether the points have names in the first frame with a person."""
+    """Return whether the first frame with a person names its points."""
     for frame in frames:
         if people := _named_people(frame):
             return max(map(len, people)) >= _LEAST
@@ -308,22 +308,22 @@ def _json_names(folder: Path) -> Iterable[str]:
 
 
 def json_files(folder: Path) -> list[Path]:
-    """Return the JSON files in a folder by name. Hidden files and keypoint definitions are omitted."""
+    """List the JSON files in a folder by name, without hidden files and keypoint definitions."""
     return [folder / name for name in sorted(_json_names(folder))]
 
 
 def has_json_files(folder: Path) -> bool:
-    """Return whether a folder contains any files that ``json_files`` returns."""
+    """Return whether ``json_files`` finds any files in a folder."""
     return any(True for _ in _json_names(folder))
 
 
 def line_files(folder: Path) -> list[Path]:
-    """Return the files with one JSON document per line, by name. Hidden files are omitted."""
+    """List the files with one JSON document per line in a folder by name, without hidden files."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in LINES and not p.name.startswith("."))
 
 
 def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
-    """Group the files in a folder by camera. Return {} if file names do not state the camera and frame.
+    """Group the files in a folder by camera, or return {} if their names lack a camera or a frame number.
 
     The camera name comes before or after the frame number. Every camera needs at least two files. A single camera is
     accepted if its first file is an OpenPose document.
@@ -357,7 +357,7 @@ def _read_frame(path: Path) -> Any:
 
 
 def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] = ()) -> CameraFrames:
-    """Read a camera's frames from one file per frame. The frame numbers are in the file names.
+    """Read one camera's detections from one JSON file per frame. File names contain the frame numbers.
 
     Args:
         paths: files of one camera.
@@ -396,7 +396,7 @@ _SUFFIX = re.compile(r"\.(jpe?g|png|bmp|tiff?|webp)$", re.IGNORECASE)
 
 
 def documents_in(text: str, path: Path) -> Any:
-    """Return the JSON documents in a file, which is one document or has one per line."""
+    """Parse the JSON documents in a file: a single document, or one per line."""
     lines = [line for line in text.splitlines() if line.strip()] if text.lstrip()[:1] == "{" else []
     if len(lines) > 1 and all(line.lstrip()[:1] == "{" and line.rstrip()[-1:] == "}" for line in lines[:2]):
         return [parse_json(line, path) for line in lines]
@@ -404,7 +404,7 @@ def documents_in(text: str, path: Path) -> Any:
 
 
 def is_take(document: Any) -> bool:
-    """Return whether a document is a take in a known format, with one or more cameras."""
+    """Return whether a document describes a take in a known format, with one or more cameras."""
     return _is_by_camera(document) or _is_of_one_camera(document)
 
 
@@ -420,7 +420,7 @@ def _is_by_camera(document: Any) -> bool:
 
 
 def cameras_in_document(document: Any) -> tuple[str, ...]:
-    """Return the camera names in a document with several cameras, or () for one camera.
+    """Return the camera names in a document of several cameras, or () for one camera.
 
     They are the folders in the image names, or the keys of the frame lists.
     """
@@ -437,7 +437,7 @@ def cameras_in_document(document: Any) -> tuple[str, ...]:
 
 
 def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFrames | None:
-    """Return the frames of one camera in a document, or None for an unknown format.
+    """Read one camera's frames from a document, or return None for an unknown format.
 
     Args:
         document: content of the file.
@@ -454,7 +454,7 @@ def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFra
 
 
 def _frame_list(document: Any) -> list[Any] | None:
-    """Return the list of frames: the document itself or MMPose's ``instance_info``."""
+    """Return the list of frames, which is the document or MMPose's ``instance_info``, or None."""
     listed = document
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if isinstance(document.get(name), list)), None)
@@ -467,7 +467,7 @@ def _frame_list(document: Any) -> list[Any] | None:
 
 
 def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
-    """Read a list of frames with frame numbers and people (MMPose, OpenPifPaf, MoveNet, MediaPipe)."""
+    """Read a list of frames with people (MMPose, OpenPifPaf, MoveNet, MediaPipe)."""
     frames: dict[int, People] = {}
     names: tuple[str, ...] = ()
     for row, frame in enumerate(_frame_list(document) or ()):
@@ -484,7 +484,7 @@ def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
 
 
 def _numbered_frames(document: Any) -> dict[int, Any] | None:
-    """Return a document's frames by number, from a list or an object."""
+    """Return a document's frames by number, or None if it is not a list or object of frames."""
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if name in document), None)
         if listed is not None:
@@ -511,7 +511,7 @@ def _is_coco(document: Any) -> bool:
 
 
 def _coco(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
-    """Read COCO annotations. Annotated points with flag 1 (hidden) or 2 (visible) get confidence 1."""
+    """Read COCO annotations. Annotated points, with flag 1 (hidden) or 2 (visible), get confidence 1."""
     images = [image for image in document["images"] if isinstance(image, dict) and "id" in image]
     names = {str(image["id"]): str(image.get("file_name", image["id"])) for image in images}
     people: list[tuple[str, np.ndarray]] = []

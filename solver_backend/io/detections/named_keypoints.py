@@ -1,4 +1,4 @@
-"""Map named keypoints to a joint set, and apply the user's own names."""
+"""Map named keypoints to a joint set, and apply keypoint definitions of the user."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _SIDED = tuple(
 
 @dataclass(frozen=True)
 class NamedKeypoints:
-    """Columns of a file that contain the keypoints of a joint set."""
+    """Map from the columns of a file to the keypoints of a joint set."""
 
     joint_set: JointSet  # Joint set that contains most of the names.
     columns: tuple[int, ...]  # (K,) column of each keypoint in the set, or -1 if the file does not contain it.
@@ -46,14 +46,14 @@ class NamedKeypoints:
         return frozenset(n for n, c in zip(self.joint_set.keypoints, self.columns, strict=True) if c >= 0)
 
     def ordered(self, person: np.ndarray) -> np.ndarray:
-        """Return (K + N, 3) points: the joint set in order, then the user-defined points. Missing points are NaN."""
+        """Reorder a person's points to (K + N, 3): joint set, then user-defined points. Missing points are NaN."""
         return np.concatenate([person, [UNSEEN_POINT]])[[*self.columns, *self.own]]
 
 
 def match_cameras(
     names: Sequence[tuple[str, ...]], given: JointSet | None = None, own: Sequence[str] = (), *, where: str = ""
 ) -> list[NamedKeypoints]:
-    """Map each camera's keypoint names to the best joint set. Return [] if there are no names.
+    """Map each camera's keypoint names to the best joint set. Return [] if the files contain no names.
 
     Args:
         names: keypoint names of each of the C cameras. Cameras may have different keypoints.
@@ -97,7 +97,7 @@ def _in_set(names: Sequence[str], joint_set: JointSet, own: Sequence[str]) -> Na
 
 
 def plain_name(name: str) -> str:
-    """Spell a keypoint name as joint sets do, such as ``left_elbow`` for ``elbow_L``."""
+    """Convert a keypoint name to the form in joint sets, such as ``elbow_L`` to ``left_elbow``."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=^[LR])(?=[A-Z][a-z])", "_", name.strip())
     words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
     sides = [_SIDES[word] for word in words if word in _SIDES]
@@ -113,12 +113,12 @@ def _part(word: str) -> str:
     return next((known for known in (*_SIDED, *_WHOLE) if known.replace("_", "") == part), part)
 
 
-LEAST_POINTS = 6  # Smallest number of points in a hand, such as the palm and two fingers.
+LEAST_POINTS = 6  # Smallest number of named points that form a hand.
 _WORDS = ("thumb", "index forefinger fore pointer", "middle mid", "ring", "pinky little pinkie")
 _FINGERS = {word: finger for finger, words in enumerate(_WORDS) for word in words.split()}
 _OF_THUMB = {"cmc": 0, "mcp": 1, "ip": 2, "dip": 2, "tip": 3, "end": 3}
 _OF_FINGER = {"mcp": 0, "knuckle": 0, "base": 0, "pip": 1, "dip": 2, "tip": 3, "end": 3}
-"""Index along a finger for each word in a name. Numbers count from 1: the base of the thumb or a finger's knuckle."""
+"""Index along a finger for each word in a name. In a name with a number, 1 is the knuckle or the base of the thumb."""
 _ROOTS = ({"hand", "root"}, {"hand", "wrist"})  # Words for a hand's wrist point.
 _NOISE = {"finger", "hand", "joint", "keypoint", "kp"}
 HAND_LANDMARKS = tuple(f"{side}_{point}" for side in SIDES for point in HAND_POINTS[1:])
@@ -126,9 +126,9 @@ HAND_LANDMARKS = tuple(f"{side}_{point}" for side in SIDES for point in HAND_POI
 
 
 def hand_point(name: str) -> tuple[int, int] | None:
-    """Return the side (0 left, 1 right) and the index in ``HAND_POINTS`` of a name, or None.
+    """Return the side (0 left, 1 right) and the index in ``HAND_POINTS`` of a named point, or None.
 
-    A finger without an index along it, such as the body keypoint ``left_index``, is not a hand point.
+    A finger without a joint or number, such as the body keypoint ``left_index``, is not a hand point.
     """
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|(?<=^[LR])(?=[A-Z][a-z])", "_", name.strip())
     words = [word for word in re.split(r"[^a-z0-9]+", spaced.lower()) if word]
@@ -150,7 +150,7 @@ def hand_point(name: str) -> tuple[int, int] | None:
 
 
 def with_named_hands(frames: CameraFrames) -> CameraFrames:
-    """Move the named hand points in a camera's frames to ``hands``, and keep the other keypoints.
+    """Move the named hand points of a camera to ``hands``, and keep the other keypoints.
 
     If a hand has no wrist point, the body's wrist is used.
     """
@@ -184,7 +184,7 @@ FILE = "keypoints.json"
 
 @dataclass(frozen=True)
 class OwnKeypoints:
-    """Meanings of the user's names for columns of detections."""
+    """Keypoint definitions in the user's ``keypoints.json``."""
 
     landmarks: Mapping[str, str | None]
     """Landmark for each user-defined name, or None for an ignored point. Other names are matched as usual."""
@@ -224,7 +224,7 @@ class OwnKeypoints:
 
 
 def find_own_keypoints(levels: Sequence[Path]) -> OwnKeypoints | None:
-    """Return the nearest ``keypoints.json``, or None."""
+    """Read the nearest ``keypoints.json``, or return None if there is none."""
     path = next((level / FILE for level in levels if (level / FILE).is_file()), None)
     if path is None:
         return None

@@ -1,4 +1,4 @@
-"""Read detections from arrays: NumPy, FreeMoCap, and HDF5 from DeepLabCut and SLEAP."""
+"""Read detections from NumPy arrays, also FreeMoCap's, and from HDF5 files of DeepLabCut and SLEAP."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from solver_backend.types import JointSet
 # are an array with a leading camera axis, or an archive with one array per camera.
 _LARGEST_SCORE = 1.5  # A larger third number is a 3D coordinate rather than a score.
 MOST_CAMERAS, MOST_PEOPLE = 64, 12
-"""Largest numbers of cameras and people. The first axis is cameras if it fits and the second is too long for people."""
+"""Largest numbers of cameras and people, which distinguish the first axes of an array with four axes."""
 
 
 def is_array(path: Path) -> bool:
-    """Return whether a file contains arrays with a score and the points of a joint set."""
+    """Return whether a file contains arrays of 2D points in a joint set."""
     try:
         arrays = list(_arrays(path).values())
     except FileDamaged:
@@ -42,7 +42,7 @@ def is_array(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
-    """Return a read function for each camera in a file, or {} for a single camera.
+    """Return a reader for each camera in a file, or {} for a single camera.
 
     An array does not name its cameras. They are called ``cam01``, ``cam02`` and so on.
     """
@@ -57,7 +57,7 @@ def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
 
 
 def read_array(path: Path) -> CameraFrames:
-    """Read the frames of one camera. The confidence is 1 if there are no scores."""
+    """Read the array of one camera. The confidence is 1 if there are no scores."""
     (array, *others) = _arrays(path).values()
     if others or array.ndim > 4:
         hint = "Read it alone, or write one array per camera."
@@ -75,7 +75,7 @@ def _frames(array: np.ndarray, path: Path) -> CameraFrames:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays in a file by name. The array in a .npy file has the name ''."""
+    """Load the arrays in a file by name. The array in a .npy file has the name ''."""
     if path.suffix.lower() == ".npz":
         if not 1 < len(array_names(path)) <= MOST_CAMERAS:
             hint = f"Save 2 to {MOST_CAMERAS} arrays of shape (frames, K, 3), each named after its camera."
@@ -105,21 +105,21 @@ _HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)  # Index of the first poin
 
 
 def find_array(root: Path) -> Path | None:
-    """Return the file with 2D points in a FreeMoCap recording folder, or None."""
+    """Find the array of 2D points in a FreeMoCap recording, or return None."""
     folders = [folder for name in RAW_DATA if (folder := root / name).is_dir()]
     arrays = (p for folder in folders for p in sorted(folder.iterdir()) if p.suffix == ".npy")
     return next((p for p in arrays if "2ddata" in p.stem.lower().replace("_", "")), None)
 
 
 def camera_names(root: Path, path: Path) -> tuple[str, ...]:
-    """Return the camera names of an array, from the videos or from FreeMoCap's numbers."""
+    """Return the camera names of a FreeMoCap array: the video names, or else FreeMoCap's default names."""
     count, videos = len(_recorded(path)), root / "synchronized_videos"
     named = sorted(p.stem for p in videos.iterdir() if p.suffix.lower() == ".mp4") if videos.is_dir() else []
     return tuple(named) if len(named) == count else tuple(f"Camera_{c:03d}_synchronized" for c in range(count))
 
 
 def read_camera(path: Path, camera: int) -> CameraFrames:
-    """Read the frames of the camera with this index in the array."""
+    """Read one camera's body and hands from a FreeMoCap array."""
     points = np.array(_recorded(path)[camera, :, : BODY_POINTS + 2 * NUM_HAND_POINTS], dtype=np.float64)
     confidence = points[..., 2] if points.shape[-1] == 3 else np.isfinite(points).all(-1).astype(np.float64)
     people = np.concatenate([points[..., :2], confidence[..., None]], axis=-1)
@@ -141,7 +141,7 @@ def _recorded(path: Path) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path, program: str) -> Iterator[Any]:
-    """Open an HDF5 file. Errors are raised as our own, with the name of the program that wrote the file."""
+    """Open an HDF5 file. Errors of h5py become ``FileDamaged``, with the name of the program that wrote the file."""
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:
@@ -166,11 +166,11 @@ _MAGIC, _GROUP = b"\x89HDF\r\n\x1a\n", b"df_with_missing"
 """First bytes of HDF5 files, and name of DeepLabCut's table."""
 _START_BYTES = 1 << 16
 _LEVELS = (3, 4)
-"""Number of levels in the column names: scorer, individuals (only if there are several), bodyparts, coords."""
+"""Possible lengths of a column name: scorer, bodyparts and coords, or with individuals after scorer."""
 
 
 def is_hdf5_table(path: Path) -> bool:
-    """Return whether a file has the name or the first bytes of a DeepLabCut table."""
+    """Return whether a file is an HDF5 table from DeepLabCut, by its name or its first bytes."""
     name = path.name.lower()
     if not name.endswith((".h5", ".hdf5")):
         return False
@@ -179,7 +179,7 @@ def is_hdf5_table(path: Path) -> bool:
 
 
 def read_hdf5_table(path: Path) -> CameraFrames:
-    """Read the frames of one camera."""
+    """Read an HDF5 table from DeepLabCut."""
     with _opened(path, "DeepLabCut") as file:
         table = next(group["table"] for group in file.values() if "table" in group)
         rows = table[()]
@@ -194,7 +194,7 @@ def read_hdf5_table(path: Path) -> CameraFrames:
 
 
 def _pickled_texts(pickled: Any) -> list[tuple[str, ...]]:
-    """Return a pickled list of string tuples. Code in the pickle is never run."""
+    """Read a pickled list of string tuples. Code in the pickle is never run."""
     try:
         found = Machine(io.BytesIO(bytes(pickled)), "", frozenset()).load()
     except UnsafePickle as error:
@@ -211,18 +211,18 @@ _PREDICTED = 1  # ``instance_type`` of a prediction. 0 marks annotated points, w
 
 
 def is_sleap(path: Path) -> bool:
-    """Return whether a file name is one that SLEAP writes."""
+    """Return whether a file has the suffix of a SLEAP analysis or project."""
     return path.name.lower().endswith((".analysis.h5", ".slp"))
 
 
 def sleap_camera(path: Path) -> str:
-    """Return the video name in a SLEAP file name."""
+    """Extract the video name from the name of a SLEAP file."""
     found = _SLEAP_NAME.fullmatch(path.name.rpartition(".")[0])
     return found["camera"] if found else path.stem
 
 
 def read_sleap(path: Path) -> CameraFrames:
-    """Read the frames of one camera."""
+    """Read a SLEAP analysis or project with one video."""
     with _opened(path, "SLEAP") as file:
         return (_sleap_labels if path.suffix.lower() == ".slp" else _sleap_analysis)(file, path)
 
@@ -261,7 +261,7 @@ def _sleap_labels(file: Any, path: Path) -> CameraFrames:
 
 
 def _sleap_person(instance: np.void, points: dict[bool, np.ndarray]) -> np.ndarray:
-    """Return an instance's (K, 3) points. Annotated points have confidence 1."""
+    """Return the points (K, 3) of a SLEAP instance. Annotated points have confidence 1."""
     predicted = int(instance["instance_type"]) == _PREDICTED
     rows = points[predicted][int(instance["point_id_start"]) : int(instance["point_id_end"])]
     seen = rows["visible"] & np.isfinite(rows["x"]) & np.isfinite(rows["y"])

@@ -1,4 +1,4 @@
-"""Read all people in every frame of every camera from files of any format."""
+"""Read the detections of all cameras, in any format, into arrays."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from solver_backend.io.recognition.frame_numbers import counted_together, shared
 from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
 from solver_backend.types import JointSet
 
-MAX_PEOPLE = 12  # Largest number of people per frame and view. Those with the highest total confidence are kept.
+MAX_PEOPLE = 12  # Largest number of people per frame and view. The most confident people are kept.
 _PROGRESS_STEP = 250  # Frames between progress reports, chosen by hand.
 
 
 @dataclass(frozen=True)
 class _Picture:
-    """All people in one frame of one camera."""
+    """The people that one camera shows in one frame."""
 
     camera: int
     frame: int
@@ -56,7 +56,7 @@ def read_detections(
         trim: keep only the frames that all cameras have.
         apart: read each camera from its first to its last frame, even if these differ between cameras.
         by_order: count the frames of each camera from 0.
-        own: meanings of user-defined keypoint names.
+        own: keypoint definitions of the user.
         progress: called with the number of frames read.
 
     Raises:
@@ -189,7 +189,7 @@ def _require_finite(pictures: list[_Picture]) -> None:
 
 
 def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Return the diagnostics about hands that are not also reported for the bodies."""
+    """Return the diagnostics about hands, without those already reported for bodies."""
     said = {(item.code, item.values.get("how")) for item in bodies}
     return [item for item in found if (item.code, item.values.get("how")) not in said]
 
@@ -197,7 +197,7 @@ def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[D
 def _written_hands(
     pictures: list[_Picture], size: tuple[int, int]
 ) -> tuple[np.ndarray | None, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return separately listed hands (C, F, P, 2, 21, 3) or None, notes and problems."""
+    """Return hands (C, F, P, 2, 21, 3) that files list separately from bodies, or None, notes and problems."""
     if all(hand is None for picture in pictures for hand in picture.hands):
         return None, (), ()
     most = max(len(picture.people) for picture in pictures)
@@ -216,9 +216,9 @@ def _written_hands(
 def _arrays(
     pictures: list[_Picture], size: tuple[int, int, int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return pixels (C, F, P, K, 2), confidences (C, F, P, K), notes and problems. ``size`` is C, F and K.
+    """Return pixels (C, F, P, K, 2), confidences (C, F, P, K), notes and problems. ``size`` is (C, F, K).
 
-    Points marked as undetected become NaN and have confidence 0.
+    Undetected points become NaN and get confidence 0.
     """
     cameras, frames, keypoints = size
     most = max(len(picture.people) for picture in pictures)
@@ -246,6 +246,6 @@ def _arrays(
 
 
 def _within_reach(values: np.ndarray) -> np.ndarray:
-    """Set pixel coordinates that are too large for any image to NaN, in place."""
+    """Set coordinates that no image can contain to NaN, in place."""
     values[np.abs(values) > FARTHEST_PX] = np.nan
     return values

@@ -1,4 +1,4 @@
-"""Find each camera's detections in a recording folder."""
+"""Find the detections of each camera in a recording folder."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ from solver_backend.types import JointSet
 
 @dataclass(frozen=True)
 class TakeFile:
-    """A type of file that contains a whole take."""
+    """A type of file that contains the detections of a whole take."""
 
     recognises: Callable[[Path], bool]
     """Function that recognises a file by its name or its first bytes."""
     camera: Callable[[Path], str]
-    """Function that returns the camera named in a file name."""
+    """Function that extracts the camera name from a file name."""
     read: Callable[[Path], CameraFrames]
     of_all: Callable[[Path], dict[str, Callable[[], CameraFrames]]] = lambda _: {}
-    """Function that returns a reader per camera if a file contains several cameras, or {} for a single-camera file."""
+    """Function that returns a reader for each camera in a file of several cameras, or {} for a single camera."""
 
 
 _KINDS = (
@@ -71,7 +71,7 @@ DETECTION_FOLDERS = (
     "detections",
     "labels",
 )
-"""Detection folders, including those of EasyMocap, MMPose, MMDetection and COCO tools."""
+"""Detection folders, also of EasyMocap, MMPose, MMDetection and COCO tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
 """Subfolders of a camera folder that contain its detections (AlphaPose, Ultralytics and others)."""
 _LEVELS_BELOW = 2  # Largest depth of such subfolders, as in ``cam01/openpose/json``.
@@ -80,13 +80,13 @@ _ENDINGS = re.compile(
 )
 _STARTS = re.compile(r"^(results|predictions|alphapose|person_keypoints)[_\-. ]+", re.IGNORECASE)
 _MOST_CAMERAS = 64
-"""Largest number of files in a folder that may be one per camera. If there are more, they are frames."""
+"""Largest number of files in a folder with one file per camera. More files mean one file per frame."""
 _LOOKED_AT = 4096  # Number of bytes read to recognise the program that wrote a file.
 _WHOLE = re.compile(
     r'"(instance_info|image_id|annotations|images|frames?|frame_(id|idx|index|number))"|"[^"]+\.(jpe?g|png)"\s*:'
 )
 _PERHAPS = re.compile(r'"people"|"[^"\\n]{1,60}"\s*:\s*(\[\s*-?\d|\{\s*"x")')
-"""Pattern found in files that may contain OpenPose documents or named points."""
+"""Pattern in the first bytes of files that may contain OpenPose documents or named points."""
 _RUNS = tuple(f"{above}{run}*/labels" for above in ("", "pose/", "runs/", "runs/*/") for run in ("predict", "track"))
 """Folders with Ultralytics text files, such as ``runs/pose/predict/labels`` and ``runs/pose/predict2/labels``."""
 _VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
@@ -95,17 +95,18 @@ _VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Where one camera's detections are."""
+    """Location of one camera's detections."""
 
     path: Path  # Folder or file with the detections.
     frames: Callable[[], CameraFrames]  # Function that lists the frames. It raises our own errors.
 
 
 def camera_sources(root: Path) -> dict[str, CameraSource]:
-    """Find the source of each camera's detections, in natural order. Return {} if there are none.
+    """Find the detections of each camera in a recording. Return {} if there are none.
 
     The detections are in a folder that a known program creates, or in ``root`` itself. They consist of one folder or
     file per camera, or of files that contain all cameras. The search reads only names and the first bytes of tables.
+    Cameras are in natural order.
     """
     if runs := _runs(root):
         return runs
@@ -116,12 +117,11 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
 
 
 def of_folder(folder: Path) -> CameraSource:
-    """Return the source in a camera folder, which contains one file per image or a single file."""
+    """Return the detections in a camera folder, which contains one file per image or a single file."""
     return CameraSource(folder, partial(_frames_of_folder, folder))
 
 
 def _frames_of_folder(folder: Path) -> CameraFrames:
-    """Read the frames in a folder that contains one file per image or a single file."""
     paths = json_files(folder)
     if len(paths) == 1 and (whole := _whole_take(paths[0])) is not None:
         return whole
@@ -133,7 +133,7 @@ def _whole_take(path: Path, camera: str = "") -> CameraFrames | None:
 
 
 def _frame_folders(parent: Path) -> dict[str, CameraSource]:
-    """Return the cameras in a folder that contains one folder per frame with one file per camera."""
+    """Find cameras in a folder with one subfolder per frame, which has one file per camera."""
     below = sorted((path for path in parent.iterdir() if path.is_dir()), key=lambda path: natural_key(path.name))
     if len(below) <= _MOST_CAMERAS or any(not any(c.isdigit() for c in path.name) for path in below):
         return {}
@@ -152,7 +152,7 @@ def _folders(parent: Path) -> dict[str, CameraSource]:
 
 
 def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BELOW) -> CameraSource | None:
-    """Return the source in a camera folder or in one of the subfolders ``below``."""
+    """Find one camera's detections in its folder or in one of the subfolders ``below``, or return None."""
     if has_json_files(folder):
         return of_folder(folder)
     kind, files = take_files(folder) or (None, [])
@@ -166,7 +166,7 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
 
 
 def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
-    """Return the first file type that a folder contains, and its files, or None."""
+    """Return the first file type in ``_KINDS`` that a folder contains, and its files, or None."""
     listed = sorted(p for p in folder.iterdir() if p.is_file())  # filtered tables come later and win
     for kind in _KINDS:
         if found := [path for path in listed if kind.recognises(path)]:
@@ -227,7 +227,7 @@ def _array(root: Path) -> dict[str, CameraSource]:
 
 
 def _runs(root: Path) -> dict[str, CameraSource]:
-    """Return the cameras in Ultralytics runs, by video. Reject two runs on the same video."""
+    """Find the cameras in Ultralytics runs, by video. Reading a video with two runs raises an error."""
     folders: dict[str, list[Path]] = {}
     for labels in sorted({path for pattern in _RUNS for path in root.glob(pattern)}, key=lambda p: natural_key(str(p))):
         for name in column_table.files_of_cameras(labels):
@@ -241,7 +241,7 @@ def _runs(root: Path) -> dict[str, CameraSource]:
 
 
 def _opencap(root: Path) -> dict[str, CameraSource]:
-    """Return the cameras in an OpenCap session with a single trial."""
+    """Find the cameras in an OpenCap session. Reading a session with several trials raises an error."""
     found, videos = dict[str, CameraSource](), root / _VIDEOS
     for camera in sorted(videos.iterdir(), key=lambda p: natural_key(p.name)) if videos.is_dir() else ():
         outputs = sorted(output for output in camera.glob(_OUTPUT) if output.is_dir()) if camera.is_dir() else ()
@@ -262,14 +262,14 @@ def _refuse_several(folders: Sequence[Path]) -> NoReturn:
 
 
 def camera_name(name: str) -> str:
-    """Return the camera named in a folder or file name, such as ``cam01`` in ``cam01_json``."""
+    """Extract the camera name from a folder or file name, such as ``cam01`` from ``cam01_json``."""
     while (shorter := _ENDINGS.sub("", name)) not in ("", name):
         name = shorter
     return _STARTS.sub("", name) or name
 
 
 def listed_paths(sources: Sequence[CameraSource]) -> tuple[str, ...]:
-    """Return the files and folders of all sources, each once."""
+    """Return the files and folders of all sources without duplicates."""
     return tuple(dict.fromkeys(str(source.path) for source in sources))
 
 
@@ -283,7 +283,7 @@ _POSE_MODELS["BLAZEPOSE"] = JointSet.MEDIAPIPE_33
 
 @dataclass(frozen=True)
 class TrialConfig:
-    """Settings for reading, from Pose2Sim and OpenCap files. The nearest file that has a value wins."""
+    """Settings of a recording in Pose2Sim and OpenCap files. The nearest file with a value is used."""
 
     fps: float | None = None  # Frames per second, or None if no file states a number.
     joint_set: JointSet | None = None  # Joint set that ``pose_model`` names, or None if unknown.
@@ -293,7 +293,7 @@ class TrialConfig:
 
 
 def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
-    """Return the paths of a session's trials, relative to the session folder."""
+    """List the paths of a session's trials, relative to the session folder."""
     found: list[str] = []
     for path in sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name)):
         if any((path / name).is_dir() for name in POSE_FOLDERS):
@@ -328,7 +328,7 @@ def _of_opencap(path: Path) -> dict[str, Any]:
 
 
 def positive_number(value: Any) -> float | None:
-    """Return a frame rate from a TOML value, or None for 'auto' and invalid numbers."""
+    """Return a TOML value as a frame rate, or None for 'auto' and invalid numbers."""
     good = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e5
     return float(value) if good else None
 

@@ -1,1 +1,1 @@
-"""Read optical marker recordings: C3D, TRC, and table exports of other programs."""
+"""Read optical marker recordings: C3D, TRC, and tables exported by other programs."""

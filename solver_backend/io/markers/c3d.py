@@ -1,4 +1,4 @@
-"""Read and write markers in C3D files, for all processor types and for integers and floats."""
+"""Read and write markers in C3D files, with the numbers of any processor type."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from solver_backend.types import MarkerCloud
 
 
 class Processor(IntEnum):
-    """Processor types that write numbers in different formats. The value is the byte in the file."""
+    """Processor type that defines the number format. The value is the byte in the file."""
 
     INTEL = 84
     DEC = 85
@@ -43,12 +43,11 @@ class Processor(IntEnum):
 
 
 def _view(raw: np.ndarray, processor: Processor, kind: str) -> np.ndarray:
-    """View bytes as numbers in the processor's byte order. The last axis is contiguous."""
     return raw.view((">" if processor is Processor.MIPS else "<") + kind)
 
 
 def _floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
-    """Convert (..., 4 n) bytes, contiguous along the last axis, to (..., n) float64 numbers.
+    """Convert bytes (..., 4 n) in the processor's float format to float64 numbers (..., n).
 
     A VAX F float consists of two little-endian 16-bit words, high word first. Its exponent is larger by 2 than in the
     IEEE float with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual). From
@@ -63,13 +62,13 @@ def _floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
 
 
 BLOCK, KEY, MOST_BLOCKS = 512, 0x50, 255
-"""Bytes per block, second byte of every file, and largest number of blocks in a parameter section (one byte)."""
+"""Bytes per block, second byte of every C3D file, and largest number of blocks in its parameter section."""
 _BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}  # Bytes per element by parameter type: characters, bytes, integers, floats.
 
 
 @dataclass(frozen=True)
 class Header:
-    """The first block. Counts are unsigned, because files may have more than 32,767 frames."""
+    """First block of a C3D file. Counts are unsigned, because files may have more than 32,767 frames."""
 
     points: int  # Points per frame.
     analog: int  # Analog samples per frame, over all channels.
@@ -83,14 +82,14 @@ class Header:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter, decoded on demand."""
+    """A C3D parameter, decoded on demand."""
 
     kind: int  # -1 characters, 1 bytes, 2 integers, 4 floats.
     dimensions: tuple[int, ...]  # Sizes, fastest-varying axis first. Empty for a single value.
     data: np.ndarray  # Bytes of the values.
 
     def numbers(self, processor: Processor) -> np.ndarray:
-        """Return all values as float64. Integers are unsigned. Characters give an empty array."""
+        """Decode all values as float64. Integers are unsigned. A text parameter has no numbers."""
         if self.kind == 4:
             return _floats(self.data, processor)
         if self.kind == 2:
@@ -98,7 +97,7 @@ class Parameter:
         return self.data.astype(np.float64) if self.kind == 1 else np.zeros(0)
 
     def texts(self) -> tuple[str, ...]:
-        """Return the strings without padding."""
+        """Decode all strings, without padding."""
         length = (self.dimensions[0] if self.dimensions else 1) if self.kind == -1 else 0
         count = len(self.data) // length if length else 0
         return tuple(_text(row) for row in self.data[: count * length].reshape(count, -1)) if count else ()
@@ -106,14 +105,14 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Parameters:
-    """All parameters, by 'GROUP:NAME' in capitals."""
+    """All parameters of a C3D file, by 'GROUP:NAME' in capitals."""
 
     processor: Processor
     by_name: dict[str, Parameter]  # First parameter with each name.
     end: int  # First byte after the parameter section.
 
     def numbers(self, name: str) -> np.ndarray:
-        """Return the values of a parameter, or no values if it is missing."""
+        """Return the values of a numeric parameter, or no values if it is missing."""
         return self.by_name[name].numbers(self.processor) if name in self.by_name else np.zeros(0)
 
     def number(self, name: str) -> float | None:
@@ -126,7 +125,7 @@ class Parameters:
         return next(iter(self.by_name[name].texts()), "") if name in self.by_name else ""
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a list of strings. Long lists continue in NAME2, NAME3, ...."""
+        """Return the strings of a parameter. Long lists continue in NAME2, NAME3 and so on."""
         found, part = self.by_name[name].texts() if name in self.by_name else (), 2
         while (key := f"{name}{part}") in self.by_name:
             found += self.by_name[key].texts()
@@ -151,7 +150,7 @@ def _read_parameters(data: np.ndarray, path: Path) -> Parameters:
 
 
 def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parameter]:
-    """Return the parameters in a chain of records. Every step moves forward, so the loop ends.
+    """Decode the chain of parameter records. Every step moves forward, so the loop ends.
 
     A record consists of the length of the name (negative if locked), the group id (negative in the group's own record),
     the name, and the distance from this position to the next record. A parameter record adds its type, the number of
@@ -181,7 +180,7 @@ def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parame
 
 
 def _parameter(body: np.ndarray) -> Parameter | None:
-    """Read a parameter that starts with its type byte. Return None if it extends beyond the section."""
+    """Decode a parameter that starts with its type byte, or return None if it extends beyond the section."""
     if len(body) < 2:
         return None
     kind, count = int(body[:1].view(np.int8)[0]), int(body[1])
@@ -219,7 +218,7 @@ SAME_RATE = 0.02
 
 @dataclass(frozen=True)
 class SegmentOrigins:
-    """Origins and rotations of S segments in F frames."""
+    """Origins and rotations of S body segments in F frames."""
 
     positions: np.ndarray  # (F, S, 3) origins in the file's length unit, NaN where missing.
     labels: tuple[str, ...]  # (S,) segment names, such as ``left_upper_arm``.
@@ -228,7 +227,7 @@ class SegmentOrigins:
 
 
 def read_segments(path: Path) -> SegmentOrigins | None:
-    """Read the segments in a C3D file, or return None if it has none."""
+    """Read the body segments in a C3D file, or return None if it contains none."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     return _origins(data, _read_parameters(data, path))
 
@@ -253,7 +252,7 @@ def _origins(data: np.ndarray, parameters: Parameters) -> SegmentOrigins | None:
 
 
 def _segment_name(label: str) -> str:
-    """Convert a label such as ``l_uarm_4X4`` to ``left_upper_arm``."""
+    """Convert a C3D label such as ``l_uarm_4X4`` to a segment name such as ``left_upper_arm``."""
     name = re.sub(r"_?4x4$", "", label.strip(), flags=re.IGNORECASE).lower()
     side = {"l_": "left_", "r_": "right_"}.get(name[:2], "")
     part = name[2:] if side else name
@@ -262,7 +261,7 @@ def _segment_name(label: str) -> str:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the frames are in a file."""
+    """Location and size of the frames in a C3D file."""
 
     start: int  # Index of the first byte.
     frames: int
@@ -273,7 +272,7 @@ class _Layout:
 
 
 def read_c3d(path: Path) -> MarkerSource:
-    """Read the markers in a C3D file, or its segment origins if it has segments instead."""
+    """Read the markers in a C3D file. If it only contains segments, read their origins."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     parameters = _read_parameters(data, path)
     header = _read_header(data, parameters.processor)
@@ -310,7 +309,7 @@ def read_c3d(path: Path) -> MarkerSource:
 
 
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
-    """Locate the frames in the file.
+    """Locate the frames in a C3D file.
 
     If there are more than ``MOST`` frames and no parameter states their number, the header's last frame is ``MOST`` or
     has restarted at 0. The file length then determines the number.
@@ -343,7 +342,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
 
 
 def _frame_counts(header: Header, parameters: Parameters) -> list[int]:
-    """Return all the frame counts that the file states."""
+    """Return the different frame counts that the header and the parameters state."""
     claims = [header.last - header.first + 1]
     start, end = (parameters.numbers(f"TRIAL:ACTUAL_{name}_FIELD") for name in ("START", "END"))
     if start.size >= 2 and end.size >= 2:
@@ -374,7 +373,7 @@ def _scale(header: Header, parameters: Parameters, path: Path) -> float:
 def _points(
     data: np.ndarray, layout: _Layout, kept: list[int], scale: float, parameters: Parameters
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...]]:
-    """Return (F, M, 3) positions and (F, M) residuals in the file's unit, and notes."""
+    """Decode positions (F, M, 3) and residuals (F, M) in the file's unit. Also return problems."""
     frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
     raw = frames[:, : 4 * layout.word * layout.points]
     values = _floats(raw, parameters.processor) if layout.word == 4 else _view(raw, parameters.processor, "i2")
@@ -416,7 +415,7 @@ _MM = 1000.0  # Millimetres per metre.
 
 @dataclass(frozen=True)
 class C3dSize:
-    """Header values, which must be known before the frames are written."""
+    """Values for the header of a C3D file, which is written before the frames."""
 
     frames: int
     labels: Sequence[str]
@@ -426,7 +425,7 @@ class C3dSize:
 
 
 def unnamed_labels(markers: int) -> tuple[str, ...]:
-    """Return labels for points that have no name."""
+    """Return C3D labels for unnamed points: ``*1``, ``*2`` and so on."""
     return tuple(f"*{i}" for i in range(1, markers + 1))
 
 
@@ -443,7 +442,7 @@ def write_c3d(
 def write_c3d_parts(
     path: Path | str, size: C3dSize, parts: Iterable[tuple[np.ndarray, np.ndarray | None]], *, overwrite: bool = False
 ) -> Path:
-    """Write a C3D file from consecutive blocks of positions and residuals.
+    """Write a C3D file from successive blocks of positions (F, M, 3) and residuals (F, M).
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
@@ -474,7 +473,7 @@ def write_c3d_parts(
 
 
 def _frames(positions: np.ndarray, residual: np.ndarray | None, scale: float) -> np.ndarray:
-    """Return (F, M, 4) floats: x, y, z and the scaled residual, which is -1 for a missing point."""
+    """Encode points as floats (F, M, 4): x, y, z and the scaled residual, which is -1 for a missing point."""
     seen = np.isfinite(positions).all(axis=-1)
     values = np.zeros((*positions.shape[:2], 4), dtype="<f4")
     values[..., :3] = np.where(seen[..., None], positions, 0.0)
@@ -488,7 +487,7 @@ _Value = tuple[int, tuple[int, ...], bytes]  # Type, dimensions and bytes of a p
 
 
 def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
-    """Return the parameter section padded to whole blocks, and the number of the block that follows."""
+    """Encode the parameter section in whole blocks. Also return the number of the next block."""
     frames, labels, none = size.frames, size.labels, _texts([])
     point = {"USED": _words(len(labels)), "FRAMES": _words(min(frames, MOST)), "SCALE": _singles(-scale)}
     point |= {"RATE": _singles(size.fps), "DATA_START": _words(0), "UNITS": _texts(["mm"])}
@@ -510,7 +509,7 @@ def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
 
 
 def _event_group(events: Sequence[tuple[float, str, str]]) -> dict[str, _Value]:
-    """Return the EVENT group: side, name, and the minutes and seconds of each event."""
+    """Encode the EVENT group: side and name of each event, and its time in minutes and seconds."""
     times, sides, names = zip(*events[:PER_PARAMETER], strict=True)
     count = len(times)
     clock = struct.pack(f"<{2 * count}f", *(part for t in times for part in divmod(t, 60.0)))
@@ -538,7 +537,7 @@ def _long(name: str, texts: Sequence[str]) -> dict[str, _Value]:
 
 
 def _records(groups: dict[str, dict[str, _Value]]) -> bytes:
-    """Return the chain of records that ``c3d._follow_chain`` reads, without descriptions."""
+    """Encode parameters as the chain of records that ``_follow_chain`` decodes."""
     chain = [(-i, name, b"\0") for i, name in enumerate(groups, 1)]
     for i, parameters in enumerate(groups.values(), 1):
         for name, (kind, sizes, data) in parameters.items():

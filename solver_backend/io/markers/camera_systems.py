@@ -1,4 +1,4 @@
-"""Read markers from Motive, Nexus and QTM text exports, MATLAB files and TRC files."""
+"""Read markers from Motive, Nexus and QTM text exports, and from MATLAB and TRC files."""
 
 from __future__ import annotations
 
@@ -44,19 +44,19 @@ from solver_backend.types import MarkerCloud
 # values. It is followed by rows of types, names, ids and quantities, then by the row "Frame", "Time (Seconds)", X, Y,
 # Z. Rows differ between versions, so columns are identified by content. Cells of missing markers are blank. Y is up.
 _AXES = re.compile(r'"?X"?\s*[,;\t]\s*"?Y"?\s*[,;\t]\s*"?Z"?')
-"""Pattern of the row above the numbers. Its first words depend on the language."""
+"""Pattern of the row of axes above the numbers. Its first words depend on the language."""
 _TYPES = re.compile(r'^"*[,;\t]\s*"?Type"?\s*[,;\t]', re.IGNORECASE | re.MULTILINE)
 """Pattern of the row of types, which identifies the format if the first line has been removed."""
 _FORMAT_VERSION = "format version"
 _MOTIVE_LINES = 30  # The row of axes must appear within this number of lines.
 _BODY, _MARKER = "rigid body", "marker"
-"""Column types. Positions of the types "Rigid Body Marker" and "Bone Marker" are predicted by an asset's model."""
+"""Column types. Motive predicts "Rigid Body Marker" and "Bone Marker" positions from a model of the body."""
 _KNOWN_TYPES = (_MARKER, _BODY, "bone", "skeleton")
 _TURN, _PLACE = "rotation", "position"
 
 
 class _Columns(NamedTuple):
-    """Type, name, quantity and axis of each column, all in lower case except names."""
+    """Type, name, quantity and axis of each Motive column. All except names are in lower case."""
 
     types: list[str]
     names: list[str]
@@ -65,7 +65,7 @@ class _Columns(NamedTuple):
 
     @classmethod
     def of(cls, header: Sequence[Sequence[str]], path: Path) -> _Columns:
-        """Read the header rows, from the row of types to the row of axes."""
+        """Read the header rows from the row of types to the row of axes."""
         lower = [[cell.lower() for cell in row] for row in header]
         kinds = ((i, cell) for i, row in enumerate(lower) for cell in row)
         at = next((i for i, cell in kinds if cell in _KNOWN_TYPES or cell.endswith(f" {_MARKER}")), None)
@@ -76,18 +76,18 @@ class _Columns(NamedTuple):
         return cls(*([*row, *[""] * width][:width] for row in (lower[at], header[at + 1], lower[-2], lower[-1])))
 
     def starts(self, quantity: str) -> list[int]:
-        """Return the x column of each x, y, z triple that belongs to a quantity."""
+        """Return the first column of each x, y, z triple of a quantity."""
         every = range(len(self.axes) - 2)
         return [i for i in every if self.axes[i : i + 3] == ["x", "y", "z"] and self.quantities[i] == quantity]
 
 
 def begins_as_motive(head: str) -> bool:
-    """Return whether a file begins with a Motive header or with its row of types."""
+    """Return whether a file begins with a Motive header, or with its row of types."""
     return head.lstrip('" ').lower().startswith(_FORMAT_VERSION) or bool(_TYPES.search(head))
 
 
 def read_motive_csv(path: Path) -> MarkerSource:
-    """Read the markers in a Motive CSV, and the bodies that have no markers."""
+    """Read the markers in a Motive CSV, and the rigid bodies without markers."""
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:_MOTIVE_LINES]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:_MOTIVE_LINES])):
@@ -130,7 +130,7 @@ def read_motive_csv(path: Path) -> MarkerSource:
 
 
 def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diagnostic]]:
-    """Return the first column of each marker, and notes about columns that are not read."""
+    """Return the first column of each marker. Also return notes about columns that are not read."""
     starts = columns.starts(_PLACE)
     measured = [i for i in starts if columns.types[i] == _MARKER]
     expected = [i for i in starts if columns.types[i] != _MARKER and columns.types[i].endswith(_MARKER)]
@@ -152,7 +152,7 @@ def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diag
 def _motive_bodies(
     columns: _Columns, labels: Sequence[str], rotation_type: str
 ) -> tuple[dict[str, tuple[int, int]], list[Diagnostic]]:
-    """Return the first columns of each rigid body without markers, and notes."""
+    """Return the rotation and position columns of each rigid body without markers. Also return notes."""
     of_body = [i for i, kind in enumerate(columns.types) if kind == _BODY]
     starts: dict[tuple[str, str], int] = {}
     for i in of_body:
@@ -172,7 +172,7 @@ def _motive_bodies(
 
 
 def _motive_poses(bodies: Mapping[str, tuple[int, int]], values: np.ndarray) -> RigidBodies:
-    """Return the rigid bodies in F rows. A body is missing in rows that do not contain its quaternion."""
+    """Return the poses of rigid bodies in F rows. A body without a valid quaternion is missing."""
     places = triples(values, [place for _, place in bodies.values()])
     quat = np.stack([values[:, [turn + 3, turn, turn + 1, turn + 2]] for turn, _ in bodies.values()], axis=1)
     length = np.linalg.norm(quat, axis=-1, keepdims=True)
@@ -186,12 +186,12 @@ def _motive_poses(bodies: Mapping[str, tuple[int, int]], values: np.ndarray) -> 
 # and a row "Frame, Sub Frame, X, Y, Z, ..." ("Field #, X, Y, Z" in older files). Nexus adds a row of units. The frames
 # follow, up to an empty line. Cells of missing markers are blank. Z is up.
 SECTIONS = ("trajectories", "joints", "segments", "model outputs", "devices", "events")
-"""Sections in a file. The first one contains markers."""
+"""Names of the sections in a Nexus file. The first one contains markers."""
 _SECTION_LINES = 6  # A section's row of axes must appear within this number of lines.
 
 
 class _Trajectories(NamedTuple):
-    """A section of trajectories."""
+    """The markers in one section of a Nexus file."""
 
     numbers: np.ndarray  # (F,) frame numbers.
     positions: np.ndarray  # (F, M, 3) positions in the file's unit.
@@ -201,7 +201,7 @@ class _Trajectories(NamedTuple):
 
 
 def read_nexus_csv(path: Path) -> MarkerSource:
-    """Read the trajectories in a Nexus CSV or text file."""
+    """Read the markers in a Nexus CSV or text file."""
     lines = read_text(path).splitlines()
     sections = sections_of(lines)
     if not sections:
@@ -265,7 +265,7 @@ def _trajectories(lines: Sequence[str], start: int, path: Path) -> tuple[str, _T
 
 
 def sections_of(lines: Sequence[str]) -> dict[str, int]:
-    """Return the line index of each section, by lower-case name."""
+    """Find the sections of a Nexus file. Return the first line index of each, by lower-case name."""
     found: dict[str, int] = {}
     for i, line in enumerate(lines):
         if name := _section(line):
@@ -294,7 +294,7 @@ _KINDS = ("Labeled", "Unidentified")  # Trajectory groups that are read from MAT
 
 
 def read_qualisys_tsv(path: Path) -> MarkerSource:
-    """Read the markers in a QTM TSV file. Raise CaptureNotRecognised for 2D and 6D data."""
+    """Read the markers in a QTM TSV file. Raise CaptureNotRecognised for a file with 2D or 6D data."""
     lines, first, header = _tsv(path)
     if not (lines and lines[0].strip().upper().startswith(FIRST_LINE)):
         raise FileDamaged(f"The file is not a QTM TSV, because it does not start with '{FIRST_LINE}'.", where=str(path))
@@ -325,7 +325,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
 
 
 def _tsv(path: Path) -> tuple[list[str], int, dict[str, list[str]]]:
-    """Return a file's lines, the index of the first line with numbers, and the header cells."""
+    """Split a TSV file. Return its lines, the index of the first line with numbers, and the header cells."""
     lines = read_text(path).splitlines()
     lines = between_tabs(lines, lines[0] if lines else "", least=1)
     rows = ([cell for cell in line.split("\t") if cell.strip()] for line in lines)
@@ -356,7 +356,7 @@ def _has_frame_columns(values: np.ndarray, markers: int) -> bool:
 
 
 def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
-    """Read the bodies in the 6D file next to a marker file (``walk_6D.tsv``)."""
+    """Read the rigid bodies in the 6D file next to a marker file (``walk_6D.tsv``), or return None."""
     beside = path.with_name(f"{path.stem.removesuffix('_3D')}{_SIX_D}.tsv")
     if beside == path or not beside.is_file():
         return None
@@ -374,7 +374,7 @@ def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
 
 
 def _rotations(numbers: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return (F, B, 3, 3) rotations from Rot[0] to Rot[8], stored by columns or by rows."""
+    """Return the rotations (F, B, 3, 3) of B bodies, stored by columns or by rows as Rot[0] to Rot[8]."""
     columns = np.nan_to_num(numbers[..., 7:]).reshape(*numbers.shape[:2], 3, 3)
     angles = np.moveaxis(np.radians(np.nan_to_num(numbers[..., 3:6])), -1, 0)
     x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(angles, np.eye(3), strict=True))
@@ -383,7 +383,7 @@ def _rotations(numbers: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def read_qualisys_mat(path: Path) -> MarkerSource:
-    """Read the trajectories in a QTM MATLAB file.
+    """Read the markers in a QTM MATLAB file.
 
     Raises:
         FileMissing, FileDamaged, CaptureNotRecognised: the file is missing, damaged or of another type.
@@ -489,12 +489,12 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
 
 
 def write_trc(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False, **form: str) -> Path:
-    """Write markers to a TRC file. ``form`` contains options for ``trc_text``."""
+    """Write markers to a TRC file. ``form`` contains the unit and the up axis (see ``trc_text``)."""
     return write_text(path, trc_text(Path(path).name, cloud, **form), overwrite=overwrite)
 
 
 def trc_text(name: str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = "y") -> str:
-    """Return the text of a TRC file with markers (metres, Z up), in the given unit and up axis.
+    """Format markers (metres, Z up) as a TRC file with the given unit and up axis.
 
     Raises:
         NonFiniteData: the frame rate is not positive.

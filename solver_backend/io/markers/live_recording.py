@@ -1,4 +1,4 @@
-"""Write recordings of live points as a growing sequence of self-contained blocks.
+"""Record live points in a growing file of independent blocks, and read such files.
 
 A block is little-endian. It starts with 8 marker bytes, the number of points (uint32), and a CRC-32 of the rest, seeded
 with the number of points (uint32). The rest is the time in seconds, the nominal rate, and the 3 x 3 transform of points
@@ -25,18 +25,18 @@ from solver_backend.exchange.outputs import open_regular, require_file, unreadab
 from solver_backend.exchange.plausible import FRAME_RATES
 from solver_backend.io.markers.source import MarkerSource
 
-SUFFIX = ".recording"  # Suffix added to the final recording's name.
+SUFFIX = ".recording"  # Suffix added to the name of the final file while recording.
 MARK = b"MMLIVE1\n"
 MOST_POINTS = 400  # Largest number of points per frame. More points cannot be one person's markers.
 _HEAD, _FIXED = struct.Struct("<8sII"), struct.Struct("<11d")
-_SEARCHED = 64, 1 << 20  # Bytes to search for the next block, at first and at most. The number doubles each time.
+_SEARCHED = 64, 1 << 20  # First and largest number of bytes to search for the next block. It doubles each time.
 MOST_NUMBERS = 400_000_000  # Largest number of coordinates: 1.6 GB, more than six hours of 60 points at 100 Hz.
 DEFAULT_RATE = 120.0  # Frames per second if a recording has no time stamps, chosen by hand.
 
 
 @dataclass(frozen=True)
 class LiveBlock:
-    """One frame of live points."""
+    """One frame of live points, stored as a block."""
 
     time: float  # Time stamp in seconds on the source's clock.
     points: np.ndarray  # (N, 3) float32 in the source's unit and axes.
@@ -46,7 +46,7 @@ class LiveBlock:
 
 @dataclass(frozen=True)
 class LiveExtent:
-    """Size of a recording, and values that describe it."""
+    """Size and properties of a live recording."""
 
     frames: int  # Number of complete blocks.
     most: int  # Largest number of points in any frame.
@@ -58,7 +58,7 @@ class LiveExtent:
 
 
 def pack_block(block: LiveBlock) -> bytes:
-    """Encode a block as bytes."""
+    """Encode one frame of live points as the bytes of a block."""
     turn = np.full(9, np.nan) if block.to_metres is None else np.ravel(block.to_metres)
     body = _FIXED.pack(block.time, np.nan if block.fps is None else block.fps, *turn)
     body += np.ascontiguousarray(block.points, "<f4").tobytes()
@@ -67,7 +67,7 @@ def pack_block(block: LiveBlock) -> bytes:
 
 
 def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
-    """Yield the complete blocks, and the number of damaged bytes between them."""
+    """Yield the complete blocks of a recording, and the number of damaged bytes between them."""
     damaged, at = 0, stream.tell()
     while head := stream.read(_HEAD.size):
         block, size = _block(head, stream)
@@ -85,7 +85,7 @@ def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
 
 
 def _block(head: bytes, stream: BinaryIO) -> tuple[LiveBlock | None, int]:
-    """Return the block that begins with ``head`` and its length, or None and 0 if it is incomplete."""
+    """Decode the block that begins with ``head``. Return it and its length, or (None, 0) if it is damaged."""
     if len(head) < _HEAD.size:
         return None, 0
     mark, count, check = _HEAD.unpack(head)
@@ -114,7 +114,7 @@ def _next_mark(stream: BinaryIO, at: int) -> int:
 
 
 def measure_recording(stream: BinaryIO) -> LiveExtent:
-    """Measure a recording. Only the time stamps are kept in memory."""
+    """Read a recording once to determine its extent. Only the time stamps are kept in memory."""
     times, fps, turn, most, largest, damaged = array("d"), None, None, 0, 0.0, 0
     for block in read_blocks(stream):
         if isinstance(block, int):
@@ -129,7 +129,7 @@ def measure_recording(stream: BinaryIO) -> LiveExtent:
 
 
 def rate_of(times: np.ndarray, fps: float | None) -> float:
-    """Return the nominal rate if it is plausible, otherwise the rate given by the median time step."""
+    """Return the nominal frame rate if it is plausible, otherwise the rate of the median time step."""
     with np.errstate(all="ignore"):
         steps = np.diff(times)
         measured = 1.0 / float(np.median(steps[steps > 0])) if (steps > 0).any() else np.nan
@@ -138,7 +138,7 @@ def rate_of(times: np.ndarray, fps: float | None) -> float:
 
 
 def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]:
-    """Yield the points in a recording as (F, most, 3) arrays of at most ``frames`` frames."""
+    """Yield the points of a recording in parts (F, ``most``, 3) of at most ``frames`` frames."""
     blocks = (block for block in read_blocks(stream) if isinstance(block, LiveBlock))
     while taken := list(islice(blocks, frames)):
         part = np.full((len(taken), most, 3), np.nan, np.float32)
@@ -148,7 +148,7 @@ def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]
 
 
 def read_live_recording(path: Path) -> MarkerSource:
-    """Read a live recording that was not finished."""
+    """Read a live recording that ended unexpectedly."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

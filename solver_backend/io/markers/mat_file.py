@@ -1,4 +1,4 @@
-"""Read MATLAB files of versions 5 to 7.2 (MathWorks) within size limits."""
+"""Read MATLAB files of versions 5 to 7.2 (MathWorks), within memory limits."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LEFT_OUT = object()
 
 
 def read_mat(path: Path) -> dict[str, Any]:
-    """Return the variables in a file, by name.
+    """Read the variables in a MATLAB file. Return them by name.
 
     Numbers are returned as arrays of their stored type, texts as ``str``, cells as lists, and structures as
     dictionaries or lists of dictionaries. Objects, sparse matrices and imaginary parts are ignored.
@@ -60,14 +60,14 @@ def read_mat(path: Path) -> dict[str, Any]:
 
 @dataclass
 class _ElementReader:
-    """Reads elements, and limits the memory they use."""
+    """Reads MATLAB elements, and limits the memory that they use."""
 
     order: str  # Byte order, "<" or ">".
     bytes_left: int
     elements_left: int = _MOST_ELEMENTS
 
     def variables(self, data: memoryview) -> dict[str, Any]:
-        """Return the variables in the body of a file."""
+        """Read the variables in a file without its header."""
         found: dict[str, Any] = {}
         while len(data):
             kind, content, data = self._element(data, padded=False)
@@ -88,7 +88,7 @@ class _ElementReader:
         return memoryview(data)
 
     def _element(self, data: memoryview, *, padded: bool = True) -> tuple[int, memoryview, memoryview]:
-        """Return an element's type and content, and the data after it."""
+        """Split off the first element. Return its type, its content and the remaining data."""
         if len(data) < _TAG:
             raise ValueError("it ends within an element")
         kind, size = struct.unpack_from(f"{self.order}II", data)
@@ -112,7 +112,7 @@ class _ElementReader:
         return np.frombuffer(content, dtype), data
 
     def _matrix(self, data: memoryview, depth: int) -> tuple[str, Any]:
-        """Return the name and value of a matrix."""
+        """Read a matrix element. Return its name and value."""
         self.elements_left -= 1
         if self.elements_left < 0 or depth > _DEEPEST:
             raise ValueError("it has too many values, or values that are nested too deeply")

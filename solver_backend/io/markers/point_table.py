@@ -1,4 +1,4 @@
-"""Read tables and arrays of 3D points."""
+"""Read 3D points from text tables and NumPy arrays."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from solver_backend.types import JointSet
 # Three layouts are supported. Wide with one heading row: ``frame, LASI_x, LASI_y, LASI_z, ...`` (also ``LASI.X``, or
 # ``LASI X (mm)``). Wide with two rows: names above the first or each of the columns ``X, Y, Z``. Long with a row per
 # point: ``frame, marker, x, y, z``. Other columns (anipose's ``LASI_error``, ``LASI_score``) are skipped.
-LEAST_POINTS = 4  # Smallest number of points with three adjacent columns. Fewer do not describe a person.
+LEAST_POINTS = 4  # Smallest number of points in a wide table. Fewer do not describe a person.
 _HEADING_LINES = 12  # The headings must appear within this number of lines.
 _COLUMN = re.compile(r"(?P<name>.*?)[ ._:\-\[(]*(?P<axis>[xyz])[\])]?(?: ?[\[(](?P<unit>\w+)[\])])?", re.IGNORECASE)
 """Headings such as ``LASI_x``, ``LASI.X``, ``LASI:X``, ``LASI[x]`` and ``LASI X (mm)``."""
@@ -43,7 +43,7 @@ def begins_as_points(head: str) -> bool:
 
 
 def read_point_table(path: Path) -> MarkerSource:
-    """Read the points in a table. Raise FileMissing or FileDamaged."""
+    """Read the points in a text table. Raise FileMissing or FileDamaged."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     layout = _layout(lines[:_HEADING_LINES])
     if layout is None:
@@ -65,7 +65,7 @@ def read_point_table(path: Path) -> MarkerSource:
 
 
 def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
-    """Return the first line of numbers, the headings, each point's first column, and the unit.
+    """Return the first line of numbers, the headings, the first column of each point, and the unit.
 
     Long tables have no columns for individual points. The result is None if the lines contain no point headings.
     """
@@ -83,7 +83,7 @@ def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] 
 
 
 def _spread(above: Sequence[str], axes: Sequence[str]) -> list[str]:
-    """Combine two heading rows into ``NAME_x`` and so on, one for each coordinate column."""
+    """Combine two heading rows into one heading for each coordinate column, such as ``NAME_x``."""
     names, last = [], ""
     for column, axis in enumerate(axes):
         name = above[column] if column < len(above) else ""
@@ -105,14 +105,14 @@ def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
 
 
 def _numbers(rows: list[list[str]], headings: Sequence[str], points: set[int], first: int, path: Path) -> np.ndarray:
-    """Return the numbers in the point, frame and time columns. Other columns are NaN."""
+    """Convert the point, frame and time columns to numbers. Other columns are NaN."""
     kept = points | {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
     plain = [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
     return read_numbers(plain, first + 1, path)
 
 
 def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -> np.ndarray | None:
-    """Return the column under the first matching heading. Return None if it is missing or has no numbers."""
+    """Return the column with the first matching heading, or None if it is missing or contains no numbers."""
     at = next((i for i, heading in enumerate(headings) if heading in names and i < values.shape[1]), None)
     return None if at is None or not np.isfinite(values[:, at]).any() else values[:, at]
 
@@ -120,7 +120,7 @@ def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -
 def _from_long(
     rows: list[list[str]], headings: Sequence[str], first: int, path: Path
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the numbers in the first row of each frame, (F, M, 3) positions, and the labels."""
+    """Read a long table. Return the first row of each frame, positions (F, M, 3) and labels."""
     key = next(i for i, heading in enumerate(headings) if heading in _NAMES)
     names = [row[key].strip() if key < len(row) else "" for row in rows]
     axes = [headings.index(axis) for axis in "xyz"]
@@ -147,7 +147,7 @@ def _from_long(
 
 
 def is_point_array(path: Path) -> bool:
-    """Return whether a path is a (frames, points, 3) array of numbers, or a damaged array."""
+    """Return whether a .npy file contains 3D points (F, N, 3), or is damaged."""
     if path.suffix.lower() != ".npy" or not path.is_file():
         return False
     try:
@@ -158,7 +158,7 @@ def is_point_array(path: Path) -> bool:
 
 
 def read_point_array(path: Path) -> MarkerSource:
-    """Read (F, N, 3) points (NaN where missing) and their N names.
+    """Read 3D points (F, N, 3), NaN where missing, and their N names.
 
     The names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` next to ``NAME.npy``. A text file has
     one name per line, a JSON file a list. Without such a file, the only joint set with N points gives the names.

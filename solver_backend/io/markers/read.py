@@ -90,5 +90,5 @@ WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}  
 
 
 def write_markers(path: Path, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
-    """Write markers (metres, Z up) in the format given by the path's suffix (``WRITERS``)."""
+    """Write markers (metres, Z up) to a file. The suffix determines the format (``WRITERS``)."""
     return WRITERS[path.suffix.lower().lstrip(".")](path, cloud, overwrite=overwrite)

@@ -1,4 +1,4 @@
-"""Store the content of a marker file, and the interpreted markers in metres with Z up."""
+"""Store the content of a marker file before and after its conversion to metres with Z up."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.types import MarkerCloud
 
 @dataclass(frozen=True)
 class MarkerTake:
-    """The markers in one file, in metres with Z up."""
+    """Markers from one file, in metres with Z up."""
 
     cloud: MarkerCloud  # The markers. The labels are empty if all markers are unnamed.
     subjects: tuple[str, ...] = ()  # Label prefixes in file order.
@@ -29,14 +29,14 @@ ARM_M = 0.1  # Distance in metres from a body's origin to the points on its axes
 
 @dataclass(frozen=True)
 class RigidBodies:
-    """B rigid bodies in F frames, in the file's unit and axes."""
+    """Poses of B rigid bodies in F frames, in the file's unit and axes."""
 
     names: tuple[str, ...]  # (B,) names.
     positions: np.ndarray  # (F, B, 3) origins, NaN where missing.
     rotations: np.ndarray  # (F, B, 3, 3) rotations from body axes to file axes.
 
     def points(self, metres: float, to_world: np.ndarray, fps: float) -> MarkerCloud:
-        """Return each body's origin and one point on each of its axes, as ``NAME:origin``, ``NAME:x`` and so on.
+        """Convert each body to four markers: ``NAME:origin``, and ``NAME:x``, ``NAME:y``, ``NAME:z`` on its axes.
 
         ``to_world`` (3, 3) rotates file axes to world axes. ``metres`` is the length of the file's unit.
         """
@@ -50,7 +50,7 @@ class RigidBodies:
 
 @dataclass(frozen=True)
 class MarkerSource:
-    """Content of a marker file in the file's unit and axes."""
+    """Content of a marker file, in the file's unit and axes."""
 
     path: Path
     format: str  # Name and version of the format.
@@ -71,5 +71,5 @@ class MarkerSource:
 
 
 def left_out_note(outputs: int) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic about points that are not positions, if there are any."""
+    """Report points that were not read because they are not positions, if there are any."""
     return (diagnostic("parts_not_read", kind="outputs", count=outputs),) if outputs else ()

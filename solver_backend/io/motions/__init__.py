@@ -1,1 +1,1 @@
-"""Read motions from other programs."""
+"""Read motions from the files of other programs."""

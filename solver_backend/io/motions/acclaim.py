@@ -28,7 +28,7 @@ _TURNS, _PLACES = ({f"{kind}{axis}": k for k, axis in enumerate("xyz")} for kind
 
 @dataclass
 class _Bone:
-    """A skeleton bone. Angles are in degrees, lengths in the file's unit."""
+    """A bone of an Acclaim skeleton. Angles are in degrees, lengths in the file's unit."""
 
     direction: np.ndarray = field(default_factory=lambda: np.zeros(3))
     length: float = 0.0
@@ -39,7 +39,9 @@ class _Bone:
 
 
 def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
-    """Read a pair of ASF and AMC files in the skeleton's unit and axes, given the path of either file.
+    """Read a motion from an ASF and an AMC file, given the path of either one.
+
+    The motion is in the skeleton's unit and axes.
 
     Raises:
         FileMissing: the other file in the pair is missing or ambiguous.
@@ -50,7 +52,7 @@ def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
 
 
 def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> SkeletonMotion:
-    """Read a motion (AMC) and its skeleton (ASF), as ``read_acclaim`` does."""
+    """Read a skeleton (ASF) and its motion (AMC). See ``read_acclaim`` for errors."""
     bones, radians = _read_skeleton(skeleton)
     values, in_radians = _read_frames(motion, bones)
     axes, turns = (
@@ -73,7 +75,7 @@ def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> Skeleto
 
 
 def find_pair(path: Path) -> tuple[Path, Path]:
-    """Find the ASF and AMC files that form a pair, such as 13.asf and 13_29.amc.
+    """Find the ASF and AMC files that belong together, such as 13.asf and 13_29.amc.
 
     Files that are numbered for different subjects are not a pair.
     """
@@ -101,13 +103,13 @@ def _other(path: Path, suffix: str) -> Path:
 
 
 def _subject(path: Path) -> str:
-    """Return the leading number, such as 131 in 131-dance.asf, or the name up to "_"."""
+    """Return the leading number of a file name, such as 131 in 131-dance.asf, or the part before "_"."""
     number = re.match(r"\d+(?=[_\- .]|$)", path.stem)
     return number[0] if number else path.stem.split("_")[0]
 
 
 def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
-    """Return the bones, root first, and whether their angles are in radians."""
+    """Read the bones of an ASF file, root first. Also return whether its angles are in radians."""
     bones, part, name, radians = {"root": _Bone()}, "", "", False
     for number, line in enumerate(read_text(path, LARGEST_TEXT).splitlines(), start=1):
         words = line.split("#")[0].split()
@@ -183,9 +185,9 @@ def _from_root(bones: dict[str, _Bone], path: Path) -> dict[str, _Bone]:
 
 
 def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndarray], bool | None]:
-    """Return (F, C) channel values per bone, and whether angles are in radians (None if not stated).
+    """Read the channels (F, C) of each bone from an AMC file. Also return whether angles are in radians.
 
-    A bone that no frame mentions stays in its rest pose.
+    The latter is None if the file does not state it. A bone that no frame mentions stays in its rest pose.
     """
     rows: dict[str, list[list[float]]] = {name: [] for name in bones}
     frames, last, radians = 0, 0, None
@@ -235,7 +237,7 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndar
 def _pose(
     bones: dict[str, _Bone], values: dict[str, np.ndarray], axes: float, turns: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (F, B, 3, 3) rotations relative to rest, and (F, B, 3) start and end points of the bones.
+    """Compute the rotations of the bones from rest (F, B, 3, 3), and their start and end points (F, B, 3).
 
     Args:
         axes: radians per angle unit in the skeleton.
@@ -265,7 +267,7 @@ def _pose(
 
 
 def _turns(angles: np.ndarray, order: str) -> np.ndarray:
-    """Convert (F, 3) angles in radians about fixed X, Y and Z, applied in ``order``, to (F, 3, 3) rotations."""
+    """Convert angles (F, 3) in radians about fixed X, Y and Z, applied in ``order``, to rotations (F, 3, 3)."""
     turns = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
     for letter in order:
         axis = "xyz".index(letter)

@@ -1,4 +1,4 @@
-"""Read AMASS npz files from the first release (SMPL-H) and the later one (SMPL-X)."""
+"""Read AMASS npz files of the first release (SMPL-H) and of the later one (SMPL-X)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ JointsOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray
 
 @dataclass(frozen=True)
 class AmassClip:
-    """An AMASS sequence as SMPL parameters, in metres and radians with Z up."""
+    """An AMASS sequence of SMPL parameters, in metres and radians with Z up."""
 
     betas: np.ndarray  # (B,) shape coefficients, often 10 or 16, for the body given by ``gender`` and ``model``.
     global_orient: np.ndarray  # (F, 3) rotation vectors from body to world axes.
@@ -44,7 +44,7 @@ class AmassClip:
 
 
 def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
-    """Read an AMASS file: ``trans`` with ``poses``, or ``root_orient`` and ``pose_body``.
+    """Read an AMASS file. It contains ``poses``, or ``root_orient`` and ``pose_body``.
 
     ``fps`` replaces the file's frame rate.
 
@@ -69,7 +69,7 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
 
 
 def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
-    """Convert a clip to a motion of the named body, using that body's forward kinematics.
+    """Convert an AMASS clip to a motion of the given body. ``joints_of`` computes the joints.
 
     Shape coefficients are valid only for the body they were fitted to. Set them to zero for another body.
     """
@@ -89,7 +89,7 @@ def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
 
 
 def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, str]:
-    """Return the rotation vectors of the root, body and fingers (or None), and the model name."""
+    """Return the rotation vectors of root, body and fingers (or None), and the name of the body model."""
     body = np.zeros((frames, 3 * (NUM_JOINTS - 1)))
     if "poses" in fields:
         poses = fields.numbers("poses", (frames, None))
@@ -127,7 +127,7 @@ def _gender(fields: Fields) -> str:
 
 
 def is_amass(path: Path) -> bool:
-    """Return whether a file is an .npz file with poses that is not one of our own."""
+    """Return whether an .npz file contains AMASS poses."""
     names = npz_names(path)
     return "format" not in names and ("poses" in names or "pose_body" in names)
 

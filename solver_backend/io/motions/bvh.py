@@ -1,4 +1,4 @@
-"""Read BVH motions: a skeleton defined by offsets, and the rotations of every joint."""
+"""Read BVH motions."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ class BvhClip:
     end_offsets: dict[str, np.ndarray] = field(default_factory=dict)  # (3,) metres from a joint to its End Site.
 
     def positions(self) -> np.ndarray:
-        """Return the (F, J, 3) joint positions in the world, in metres."""
+        """Compute the joint positions (F, J, 3) in the world, in metres."""
         return self.posed()[0]
 
     def posed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, J, 3) joint positions in metres and (F, J, 3, 3) rotations from rest axes."""
+        """Compute joint positions (F, J, 3) in metres and rotations from rest axes to world axes (F, J, 3, 3)."""
         frames, joints = self.rotations.shape[:2]
         local = np.broadcast_to(self.offsets, (frames, joints, 3)) if self.translations is None else self.translations
         p, G = np.empty((frames, joints, 3)), np.empty((frames, joints, 3, 3))
@@ -71,7 +71,7 @@ class _Skeleton:
 
 
 def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_axis: str = "y") -> BvhClip:
-    """Read a BVH file with channels in any order, in a given unit and with a given up axis.
+    """Read a BVH file in a given unit and with a given up axis.
 
     ``R_j = R_first R_second R_third`` in channel order. The root's position channels replace its offset. For other
     joints, most programs also replace the offset, but some add to it. Each joint votes for the interpretation that is
@@ -158,7 +158,7 @@ def _channels(words: list[str]) -> list[str]:
 
 
 def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.ndarray, float]:
-    """Return the (F, channels) values and the frame rate."""
+    """Read the channel values (F, channels) and the frame rate."""
     channels = sum(len(names) for names in skeleton.channels)
     head, _, rest = text.partition("Time:")
     words = head.split()
@@ -198,7 +198,7 @@ def _blocks(text: str) -> Iterator[list[str]]:
 
 
 def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, J, 3, 3) rotations and (F, J, 3) local translations in the file's unit."""
+    """Convert channel values to local rotations (F, J, 3, 3) and translations (F, J, 3) in the file's unit."""
     frames, joints = len(values), len(skeleton.names)
     rotations = np.tile(np.eye(3), (frames, joints, 1, 1))
     translations = np.tile(np.array(skeleton.offsets), (frames, 1, 1))
@@ -221,7 +221,7 @@ def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray
 
 
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:
-    """Return (F, 3, 3) rotations about a coordinate axis, given angles in radians."""
+    """Return rotations (F, 3, 3) about a coordinate axis by angles (F,) in radians."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     R = np.tile(np.eye(3), (len(angle), 1, 1))
     R[:, a, a] = R[:, b, b] = np.cos(angle)
@@ -239,7 +239,7 @@ READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read, f
 
 
 def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
-    """Return the rest skeleton of a clip. Chain ends become joints."""
+    """Return the rest skeleton of a clip. End sites become joints."""
     ends = {name: f"{name} end" for name, offset in clip.end_offsets.items() if np.linalg.norm(offset) > 0.0}
     require_distinct((*clip.names, *ends.values()), where)
     places: dict[str, np.ndarray] = {}

@@ -1,4 +1,4 @@
-"""Read clips whose skeletons come from other programs. The unit and axes are estimated from the figure."""
+"""Read motions of skeletons from other programs. The figure determines an unknown unit and up axis."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LARGEST = 2_000_000_000  # Size limit of an MVNX file in bytes. One hour takes 
 
 
 def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
-    """Return the parent and role of each segment: the midline first, then each side.
+    """Parse a table of segments. Return the parent and the role of each segment.
 
     Each entry consists of segment, parent and role, with parents first. An * stands for the file's word for each side.
     """
@@ -53,7 +53,7 @@ _XSENS = _segment_table(_XSENS_ROWS, "Right", "Left")
 
 
 def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
-    """Read the frames of an MVNX file relative to its T-pose, and the roles.
+    """Read an Xsens MVNX file. Return its motion relative to the T-pose, and the joint of each role.
 
     Raises:
         FileMissing, FileDamaged: the file is missing or not MVNX, or has no segments, frames or T-pose.
@@ -106,7 +106,7 @@ def _possible(rate: float | None, where: str) -> float:
 def _numbers(
     frames: list[ElementTree.Element], tag: str, shape: tuple[int, int], most: float, where: str
 ) -> np.ndarray:
-    """Return the (F, *shape) numbers that each frame has for one element. ``most`` limits their magnitude."""
+    """Read the numbers (F, *shape) of one element in each frame. ``most`` limits their magnitude."""
     rows, count = [], shape[0] * shape[1]
     for frame in frames:
         try:
@@ -128,11 +128,11 @@ _THEIA_ROWS = """
 """
 _THEIA = _segment_table(_THEIA_ROWS, "left_", "right_")
 """Segments in C3D files, as named by ``read_segments``."""
-_LEAST_SEEN = 0.5  # A segment must be visible in at least this fraction of the frames.
+_LEAST_SEEN = 0.5  # Smallest fraction of the frames with a usable segment.
 
 
 def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read the segments in a C3D file, the segment of each role, and notes.
+    """Read the motion of the segments in a C3D file. Also return the segment of each role, and notes.
 
     The files have no rest pose. When a person stands with hanging arms, the segment axes are parallel (Z from the far
     to the near joint), so zero rotations give that pose. A joint's rest offset in its parent's axes is the median.
@@ -195,10 +195,11 @@ _POINTS = (".csv", ".tsv", ".trc", ".npy")  # Files of points without rotations,
 _LEAST_SIZE = 1e-6  # Smallest size of a rest skeleton in any unit. A person is 0.0017 km tall.
 _MOST_M = 1e4  # Largest distance from the origin in metres.
 _APART_DEG, _TIMES = 25.0, 3.0
-"""The first frame is a separate pose if a joint then rotates by more than this angle and by more than this multiple of
-the largest rotation in the following frames. In the benchmark, only CMU clips converted to BVH do: 60° and more."""
+"""Smallest rotation of a joint, in degrees and relative to the largest one in the following frames, between a first
+frame that is a separate pose and the second frame. In the benchmark, only CMU clips converted to BVH exceed it: 60° and
+more."""
 _CLEAR, _AT_ZERO, _NEAR_ZERO = 0.8, 0.15, 1.5
-"""Smallest cosine between a direction and a clear axis, and largest height of the lowest joints in leg lengths: for a
+"""Smallest cosine between a direction and its axis, and largest height of the lowest joints in leg lengths: for a
 figure that starts at 0 (ankles are at 0.1), and for a figure with its legs along the axis."""
 _FOLLOWING = 12  # Number of frames compared with the first step.
 
@@ -206,10 +207,13 @@ _FOLLOWING = 12  # Number of frames compared with the first step.
 def read_foreign_clip(
     path: Path, unit: str = "", up_axis: str = "", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a clip of a person in metres with Z up, its roles and diagnostics.
+    """Read a person's motion from another program, in metres with Z up.
 
     If no unit is given, the leg length determines it. If no up axis is given, the trunk determines it in BVH and AMC
     files, and it is Z in other formats. AMC files do not state a rate, so ``fps`` sets it.
+
+    Returns:
+        The motion, the joint of each role, and diagnostics.
 
     Raises:
         MocapError: see ``read_stated``.
@@ -244,7 +248,7 @@ def read_foreign_clip(
 def read_stated(
     path: Path, through_blender: str = "motion convert", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a clip or skeleton file in the file's unit and axes.
+    """Read a motion from another program, in the file's unit and axes.
 
     ``through_blender`` is the verb and arguments for the add-on's command line, which reads other files. The map from
     roles to joints is empty if the format does not define roles.
@@ -304,7 +308,7 @@ def _missing(roles: dict[str, str]) -> list[Diagnostic]:
 
 
 def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) -> tuple[float, list[Diagnostic]]:
-    """Return the length of the clip's unit in metres, and a note."""
+    """Return the length of the clip's unit in metres. Also return a note if it was estimated."""
     index = {name: i for i, name in enumerate(skeleton.names)}
     chains = [[index[roles[f"{side}_{part}"]] for part in ("thigh", "shin", "foot")] for side in ("left", "right")]
     leg = float(np.mean([skeleton.distance(a, b) + skeleton.distance(b, c) for a, b, c in chains]))
@@ -318,7 +322,7 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
 
 
 def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
-    """Return the up axis and its source. The axis is ``y`` unless another one is clear.
+    """Estimate the up axis. Also return its source. The axis is ``y`` unless another one is clear.
 
     A standing rest pose determines the axis, because the person may lie or fly in the motion. Some converters write a
     skeleton with Y up and a motion with Z up. If the trunk then points along another axis, that axis is correct if the
@@ -344,14 +348,14 @@ def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
 
 
 def _clear_axis(ways: np.ndarray) -> int | None:
-    """Return the index of the axis close to the mean of (F, 3) directions, or None if no axis is close."""
+    """Return the index of the axis along the mean of directions (F, 3), or None if no axis is close to it."""
     mean = (ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)).mean(0)
     axis = int(np.abs(mean).argmax())
     return axis if mean[axis] > _CLEAR else None
 
 
 def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:
-    """Return a warning if a joint rotates most between the first and second frame."""
+    """Warn if the first frame seems to be a separate pose, from which a joint jumps to the second frame."""
     parents = np.array(motion.parents)
     G = motion.turns[:_FOLLOWING]
     if len(G) < _FOLLOWING:

@@ -1,4 +1,4 @@
-"""Read hands from MANUS and Rokoko tables, and from BVH and skeleton files with fingers."""
+"""Read hand motions from MANUS and Rokoko tables, and from BVH and skeleton files with fingers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def _read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
-    """Return the (F,) numbers in each wanted column, by heading. Empty cells are NaN."""
+    """Read the columns (F,) with the wanted headings as numbers. Empty cells are NaN."""
     names, rows = read_rows(path, _LARGEST)
     kept = {name: k for k, name in enumerate(name[:LONGEST_HEADING] for name in names) if wanted(name)}
     chosen = [[row[k] if k < len(row) else "" for k in kept.values()] for row in rows if any(map(str.strip, row))]
@@ -51,12 +51,12 @@ def _rising_times(times: np.ndarray, path: Path) -> np.ndarray:
 
 
 def _no_angles(frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, 2, A) angles and (F, 2, 3, 3) palm rotations filled with NaN."""
+    """Return angles (F, 2, A) and palm rotations (F, 2, 3, 3) of A joint angles, filled with NaN."""
     return np.full((frames, 2, NUM_ANGLES), np.nan), np.full((frames, 2, 3, 3), np.nan)
 
 
 def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Compute (F, A) angles and (F, 3, 3) palm rotations from (F, 21, 3) hand points.
+    """Compute A joint angles (F, A) and palm rotations (F, 3, 3) from hand points (F, 21, 3).
 
     If the fingers bend backwards, the points are mirrored, and this is undone first.
     """
@@ -71,7 +71,7 @@ def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.nda
 
 _MANUS_TIME = "Elapsed_Time_In_Milliseconds"
 _MANUS_JOINTS = dict.fromkeys(FINGERS, ("MCP", "PIP", "DIP", "TIP")) | {"thumb": ("CMC", "MCP", "DIP", "TIP")}
-"""MANUS joint for each finger point. The thumb's DIP in the file is the anatomical IP joint."""
+"""MANUS's names of the joints of each finger. The thumb's DIP in the file is the anatomical IP joint."""
 _MANUS_POINTS = tuple(
     f"{point}_{axis}"
     for point in ("Hand", *(f"{finger.title()}_{joint}" for finger in FINGERS for joint in _MANUS_JOINTS[finger]))
@@ -82,11 +82,11 @@ _MANUS_FLEXIONS = {"thumb_mcp_flexion": "Thumb_PIP_Flex", "thumb_ip_flexion": "T
     for finger in FINGERS[1:]
     for joint in ("mcp", "pip", "dip")
 }
-"""MANUS ergonomics angles (degrees) whose definitions match ours. Spreads and thumb base have other zero poses."""
+"""MANUS ergonomics angles (degrees) with the same definition as ours. Spreads and thumb base have other zero poses."""
 
 
 def _read_manus(path: Path, side: str) -> GloveTake:
-    """Read a hand from its positions if the table has them, otherwise from its angles."""
+    """Read a hand from a MANUS table, from joint positions if it contains them, otherwise from angles."""
     side = side or side_of_name(path.stem)
     if not side:
         raise MotionInvalid("The side of the hand is unknown.", where=str(path), hint="Specify the side with --side.")
@@ -117,7 +117,7 @@ _COLUMN = re.compile(r"(Left|Right)(Hand|Digit[1-5]\w{0,40}?)_(position_[xyz]|fl
 
 
 def _read_rokoko(path: Path) -> GloveTake:
-    """Read both hands from joint positions if the table has them, otherwise from angles."""
+    """Read both hands from a Rokoko table, from joint positions if it contains them, otherwise from angles."""
     columns = _read_columns(path, lambda name: name == _ROKOKO_TIME or _COLUMN.fullmatch(name) is not None)
     times = _rising_times(columns.pop(_ROKOKO_TIME), path)
     lower = {name.lower(): value for name, value in columns.items()}
@@ -134,7 +134,7 @@ def _read_rokoko(path: Path) -> GloveTake:
 
 
 def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np.ndarray | None:
-    """Return (F, 21, 3) hand points in metres without fingertips, or None if there are no positions."""
+    """Return hand points (F, 21, 3) in metres, or None if the table contains no positions. Fingertips are NaN."""
     ending = "_position_x"
     segments = {0: f"{side}hand"} if f"{side}hand{ending}" in columns else {}
     for number in range(len(FINGERS)):
@@ -154,9 +154,9 @@ def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np
 
 
 def read_gloves(path: Path, side: str = "") -> GloveTake:
-    """Read hands from a MANUS or Rokoko CSV, or from a moving skeleton (see ``read_stated``).
+    """Read finger motion from a MANUS or Rokoko CSV, or from a moving skeleton (see ``read_stated``).
 
-    ``side`` is ``left`` or ``right`` for a single hand whose names do not state the side.
+    ``side`` is ``left`` or ``right`` for a single hand if the file does not state its side.
 
     Raises:
         FileMissing, FileDamaged, NonFiniteData: the file is missing or damaged.
@@ -178,7 +178,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
 
 
 def _gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveTake:
-    """Return the hands of a moving skeleton, which is a person or only hands, in any unit."""
+    """Compute finger angles from a moving skeleton, which may consist of hands only. The unit does not matter."""
     parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
     roles = recognise(Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)).roles
     angles, palms = _no_angles(motion.num_frames)

@@ -1,4 +1,4 @@
-"""Check the values in motions. Impossible values are errors, implausible ones are warnings."""
+"""Check the values of motions. Impossible values are errors, implausible ones are warnings."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from solver_backend.io.recognition.range_checks import FRAME_RATES
 from solver_backend.types import Motion
 
 OUTSIDE_DEG, OUTSIDE_SHARE = 45.0, 0.01
-"""Degrees beyond a joint's range and margin, and the fraction of frames that causes a warning. In CMU motions, one
-joint exceeds it in 0.1 % of the frames. One clip in 73, with a badly converted skeleton, reaches this fraction."""
+"""Angle in degrees beyond a joint's range and its margin, and the fraction of such frames that causes a warning. In CMU
+motions, 0.1 % of the frames are such frames. One clip in 73, with a badly converted skeleton, reaches this fraction."""
 LARGEST_BETA = 6.0
 """Largest SMPL shape coefficient in standard deviations. Solves of 50 good captures reach 5.7, the largest with small
 children (``bench good_captures``)."""
@@ -30,7 +30,7 @@ AnyMotion = Motion | AmassClip | BvhClip
 
 
 def checked_motion(motion: AnyMotion, where: str) -> None:
-    """Raise MotionInvalid if a motion's frame rate or positions are impossible."""
+    """Raise MotionInvalid if the frame rate or a position of a motion is impossible."""
     found = [*_odd_rate(motion, plausible.FRAME_RATES, Severity.ERROR)]
     away = np.abs(_places(motion)).max(axis=-1, initial=0.0)
     if (away > plausible.FARTHEST_M).any():
@@ -42,7 +42,7 @@ def checked_motion(motion: AnyMotion, where: str) -> None:
 
 
 def check_motion(motion: AnyMotion) -> tuple[Diagnostic, ...]:
-    """Return a warning for each implausible value in a motion."""
+    """Return warnings about implausible values in a motion."""
     found = [*_odd_rate(motion, FRAME_RATES, Severity.WARNING)]
     speed = np.linalg.norm(np.diff(_places(motion), axis=0), axis=-1) * motion.fps
     if runs := true_runs(speed > FASTEST_M_S):
@@ -63,7 +63,7 @@ def _odd_rate(motion: AnyMotion, limits: tuple[float, float], severity: Severity
 
 
 def odd_shape(betas: np.ndarray) -> Iterator[Diagnostic]:
-    """Yield a warning if a body shape is implausible, regardless of its stature."""
+    """Yield a warning if the shape coefficients, apart from the stature, are implausible."""
     if betas.size > 1 and (worst := float(np.abs(betas[1:]).max())) > LARGEST_BETA:
         yield diagnostic("shape_odd", size=worst, limit=LARGEST_BETA)
 

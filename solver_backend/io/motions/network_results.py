@@ -1,10 +1,11 @@
-"""Read the results of networks that estimate a person from one video.
+"""Read the results of networks that estimate or generate human motion.
 
 The layouts come from these public repositories: GVHMR (zju3dv/GVHMR 44fbc19), GEM-X (NVlabs/GEM-X 3299255, the 77 SOMA
 joints), WHAM (yohanshin/WHAM 2b54f77), OpenCap Monocular (opencap-monocular as of August 2026, ``NAME_optimized.pkl``),
 TRAM (yufu-wang/tram 4861c11), PromptHMR (yufu-wang/PromptHMR ea85d0a), 4D-Humans (brjathu/PHALP 96f7e6c), SAM 3D Body
 (facebookresearch/sam-3d-body b5c765a), InstantHMR (mohamdev/InstantHMR 6f841fc), MediaPipe 0.10 (world landmarks),
 RTMW3D (open-mmlab/mmpose 1.3, projects/rtmpose3d) and MotionBERT (Walter0807/MotionBERT dccfe7b, ``X3D.npy``).
+
 Generated motions are also supported: vectors and joints of HumanML3D (Guo et al. 2022), and MDM (Tevet et al. 2023). So
 are pickled SMPL motions from AIST++ (Li et al. 2021), EDGE (Tseng et al. 2023) and AMASS, and pickled smplx arguments.
 """
@@ -39,7 +40,7 @@ _DAMAGE += (RuntimeError, MemoryError)
 
 @dataclass(frozen=True)
 class _RotationLayout:
-    """Keys under which a program stores rotations. Paths are keys joined by slashes, and * matches every person."""
+    """Location of joint rotations in a network's file. Paths are keys joined by slashes, where * is any person."""
 
     program: str
     people: str  # Path of a person's dictionary, or "" for the whole file.
@@ -73,7 +74,7 @@ _LAYOUTS = (
     ),
     _RotationLayout("WHAM", "*", ("pose", "", "trans"), ("pose_world", "trans_world"), "frame_ids"),
 )
-"""Layouts, tried in this order. The first layout whose paths are all in the file is used."""
+"""Layouts, tried in this order. The first layout with all of its paths in the file is used."""
 _SMPL = (
     ("smpl_poses", "smpl_trans"),
     ("poses", "trans"),
@@ -118,7 +119,7 @@ _HEAD = 1 << 16  # Number of bytes read to recognise a JSON layout.
 
 
 def is_network_result(path: Path) -> bool:
-    """Return whether a file's suffix, keys or points suggest a network result."""
+    """Return whether a file's suffix, keys or array shape suggest a network result."""
     suffix = path.suffix.lower()
     if suffix in SUFFIXES:
         return path.is_file()
@@ -138,7 +139,7 @@ def is_network_result(path: Path) -> bool:
 
 
 def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
-    """Return the people in a network result, the one with the most frames first.
+    """Read all people in a network result, the one with the most frames first.
 
     Raises:
         UnsafePickle: the file requests a class or function that arrays do not need.
@@ -251,7 +252,7 @@ def _of_smpl(content: Any, path: str) -> Iterator[tuple[tuple[str, ...], str, di
 
 
 def _smpl(name: str, person: dict[str, Any], keys: tuple[str, ...]) -> NetworkResult:
-    """Build a result from an SMPL motion. The axis along which the person stands is the up axis.
+    """Convert an SMPL motion. The axis along which the person stands is the up axis.
 
     Raises ``ValueError`` if the person does not stand most of the time.
     """
@@ -276,7 +277,7 @@ def _smpl(name: str, person: dict[str, Any], keys: tuple[str, ...]) -> NetworkRe
 
 
 def _matrices(values: np.ndarray) -> np.ndarray:
-    """Convert rotation matrices or rotation vectors to (F, J, 3, 3) matrices."""
+    """Convert rotation vectors or matrices to rotation matrices (F, J, 3, 3)."""
     values = np.asarray(values, np.float64)
     if values.ndim >= 3 and values.shape[-2:] == (3, 3):
         return values.reshape(len(values), -1, 3, 3)
@@ -288,7 +289,7 @@ def _matrices(values: np.ndarray) -> np.ndarray:
 def _of_turns(
     program: str, name: str, frames: np.ndarray, turns: np.ndarray, world: np.ndarray | None, transl: np.ndarray
 ) -> NetworkResult:
-    """Build a result with SMPL joint rotations from those of SMPL, SMPL-H, SMPL-X or SOMA."""
+    """Convert joint rotations of SMPL, SMPL-H, SMPL-X or SOMA to a result with SMPL joint rotations."""
     fingers = None
     if turns.shape[1] == _SOMA:
         turns = turns.copy()
@@ -309,7 +310,7 @@ def _of_turns(
 
 
 def _tracks(frames: list[dict[str, Any]]) -> list[NetworkResult]:
-    """Return the people in PHALP frames, which list tracks with their rotations and cameras."""
+    """Collect the people in PHALP's frames, which list each track's rotations and camera."""
     seen: dict[str, list[tuple[int, Any, Any]]] = {}
     for number, frame in enumerate(frames):
         for k, track in enumerate(frame.get("tid", [])):
@@ -338,7 +339,7 @@ def _of_points_file(arrays: dict[str, np.ndarray]) -> list[NetworkResult]:
 
 
 def _by_person(rows: Any) -> list[NetworkResult]:
-    """Return the people in rows that consist of frame, name and (K, 3) points."""
+    """Group points (K, 3) by person, from rows of frame, name and points."""
     people: dict[str, list[tuple[int, np.ndarray]]] = {}
     for frame, name, points in rows:
         people.setdefault(name, []).append((frame, points))
@@ -364,7 +365,7 @@ def _of_points(name: str, frames: np.ndarray, points: np.ndarray) -> NetworkResu
 
 
 def _samples(content: dict[str, Any]) -> list[NetworkResult]:
-    """Return the samples in MDM's ``results.npy``: (S, 22, 3, F) joints."""
+    """Read the generated samples in MDM's ``results.npy``. S samples have joints (S, 22, 3, F)."""
     motion = finished(content.get("motion"))
     if not isinstance(motion, np.ndarray) or motion.ndim != 4 or motion.shape[1:3] != (NUM_TURNED, 3):
         return []
@@ -384,7 +385,7 @@ def _generated(program: str, name: str, joints: np.ndarray) -> NetworkResult:
 
 
 def joints_of_vectors(vectors: np.ndarray, where: str = "") -> np.ndarray:
-    """Convert (F, 263) HumanML3D vectors to (F, 22, 3) joints in metres with Y up.
+    """Convert HumanML3D vectors (F, 263) to joints (F, 22, 3) in metres with Y up.
 
     From one frame to the next, the root rotates by ``2 r`` about Y and moves by (x, z) in its own axes. Joints are
     relative to the root's ground position and heading (Guo et al. 2022, section 5).
@@ -411,7 +412,7 @@ def joints_of_vectors(vectors: np.ndarray, where: str = "") -> np.ndarray:
 
 
 def _people_of_json(content: Any) -> list[NetworkResult]:
-    """Return the people in MMPose predictions or in a list of MediaPipe frames."""
+    """Read the people in MMPose predictions, or in a list of MediaPipe frames."""
     if isinstance(content, dict) and "instance_info" in content:
         rows = [
             (f, str(i), _from_mmpose(numbers(one["keypoints"]).astype(np.float64)))
@@ -432,13 +433,13 @@ def _people_of_json(content: Any) -> list[NetworkResult]:
 
 
 def _from_mmpose(points: np.ndarray) -> np.ndarray:
-    """Convert points to camera axes. MMPose writes (-x, -z, -y), with the lowest point at height 0."""
+    """Convert MMPose's points to camera axes. It writes (-x, -z, -y), with the lowest point at height 0."""
     points = points.reshape(-1, points.shape[-1])
     return np.asarray(-points[:, [0, 2, 1]])
 
 
 def _checked(person: NetworkResult, path: Path) -> NetworkResult:
-    """Check all of a person's numbers, and sort the frames."""
+    """Validate a person's numbers, and sort the frames."""
     where = f"{path}, person {person.person}"
     person = replace(person, frames=_frame_numbers(person.frames, where))
     count = len(person.frames)

@@ -1,4 +1,4 @@
-"""Convert recorded clips to SMPL joint rotations relative to the T-pose."""
+"""Convert recorded motions of known skeletons to SMPL joint rotations relative to the T-pose."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 
 @dataclass(frozen=True)
 class SkeletonMap:
-    """Correspondence between a recorded skeleton's joints and SMPL's 22 joints."""
+    """Map from a family of skeletons to SMPL's 22 joints."""
 
     family: str
     joints: tuple[str, ...]  # Recorded joint that gives the global rotation of each SMPL joint 0..21.
@@ -90,7 +90,7 @@ _FOREARMS = tuple(zip(SMPL.both("elbow"), SMPL.both("wrist"), strict=True))
 
 @dataclass(frozen=True)
 class RecordedClip:
-    """A recorded clip with F frames and J joints."""
+    """A recorded motion of J joints in F frames, and the skeleton's T-pose."""
 
     name: str
     joint_names: list[str]
@@ -101,7 +101,7 @@ class RecordedClip:
 
 
 def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
-    """Convert a BVH clip to Y up, and drop its first frame, which is the T-pose."""
+    """Convert a BVH clip to Y up. Its first frame is the T-pose and is removed from the motion."""
     rotations = clip.rotations.copy()
     rotations[:, 0] = rotation_to_z_up("y").T @ rotations[:, 0]
     rotvec = log_so3(rotations)
@@ -109,7 +109,7 @@ def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
 
 
 def body_rotations(clip: RecordedClip) -> np.ndarray:
-    """Return (F, 22, 3, 3) local rotations of the SMPL joints relative to the T-pose.
+    """Convert a recorded motion to local rotations (F, 22, 3, 3) of SMPL joints relative to the T-pose.
 
     Each bone's rotation from the T-pose is ``D = G G_tpose^T`` in world axes (Y up, facing +Z, left +X, as in SMPL's
     rest pose). Local rotations are ``D_parent^T D``. The elbow receives half of the hand's twist about the forearm,
@@ -149,7 +149,7 @@ def _relative(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
 
 
 def _half_twist(hand: np.ndarray) -> np.ndarray:
-    """Return half the twist of (F, 3, 3) rotations about the x axis (swing-twist decomposition)."""
+    """Return half of the twist of rotations (F, 3, 3) about the x axis (swing-twist decomposition)."""
     trace = 1.0 + np.trace(hand, axis1=-2, axis2=-1)
     twist = 2.0 * np.arctan2(hand[:, 2, 1] - hand[:, 1, 2], np.maximum(trace, 1e-9))
     return exp_so3(0.5 * twist[:, None] * np.array([1.0, 0.0, 0.0]))

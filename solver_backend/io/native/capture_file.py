@@ -1,4 +1,4 @@
-"""Read and write our capture file, a single ``.npz`` that contains the whole capture."""
+"""Read and write our capture file, a single ``.npz`` with the whole capture."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _STORED = (*_FIELDS.split(), *_CAMERA_SHAPES, *_OF_PERSON_AND_LENS, *_OF_DETECTO
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write a capture. Footage in its folder is stored by relative path."""
+    """Write a capture. Paths of footage in its folder are stored relative to the folder."""
     arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT), "version": np.array(VERSION)}
     arrays |= {"name": np.array(capture.name), "sources": _strings(capture.sources)}
     if found := (*capture.notes, *capture.problems):
@@ -89,7 +89,7 @@ def _strings(items: tuple[str, ...]) -> np.ndarray:
 
 
 def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
-    """Return one person's keypoint fields, with user-defined points (C, F, N, 3)."""
+    """Return the fields that store one person's keypoints. N user-defined points are (C, F, N, 3)."""
     named = keypoints.named
     arrays = {"fps": np.array(float(named.fps)), "xy": named.xy.astype(np.float32)}
     arrays |= {"confidence": named.confidence.astype(np.float32), "joint_set": np.array(named.joint_set.value)}
@@ -165,7 +165,7 @@ def _cameras(fields: Fields) -> Cameras:
 
 
 def _keypoints(fields: Fields) -> tuple[Keypoints2D, tuple[PersonInViews, ...]]:
-    """Return the keypoints of the selected person, and those of everyone."""
+    """Read the keypoints of the selected person, and of all people."""
     own: tuple[OwnPoint, ...] = ()
     if "own" in fields:
         names, bones = fields.texts("own_names"), fields.texts("own_bones")
@@ -194,7 +194,7 @@ def _keypoints(fields: Fields) -> tuple[Keypoints2D, tuple[PersonInViews, ...]]:
 def _seen(
     fields: Fields, prefix: str, shape: tuple[int | None, ...], own: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Return pixels, confidences and hands. The keypoints are followed by ``own`` user-defined points."""
+    """Read one set of pixels, confidences and hands. ``own`` user-defined points follow the keypoints."""
     xy = fields.numbers(f"{prefix}xy", shape)
     confidence = fields.numbers(f"{prefix}confidence", xy.shape[:-1])
     views, hands = xy.shape[:-2], f"{prefix}hands"
@@ -212,7 +212,7 @@ def _footage_first(fields: Fields) -> tuple[int, ...]:
 
 
 def _truth(fields: Fields) -> dict[str, np.ndarray]:
-    """Return the ground truth arrays. Unknown values are NaN."""
+    """Return the ground truth arrays of a simulated capture. Unknown values are NaN."""
     found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
     for name, value in found.items():
         if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():
@@ -233,7 +233,7 @@ def _cloud(fields: Fields, prefix: str) -> MarkerCloud:
 
 
 def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:
-    """Return the (F, M, 3, 3) marker covariances."""
+    """Read the marker covariances (F, M, 3, 3), and check that they are not negative."""
     covariance = unpacked(fields.numbers("marker_covariance", (*positions.shape[:2], 6)))
     given = np.isfinite(positions).all(-1) & ~np.isnan(covariance).all((-2, -1))
     finite = np.isfinite(covariance).all((-2, -1))

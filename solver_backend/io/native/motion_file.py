@@ -1,4 +1,4 @@
-"""Read and write our motion and subject files. Array shapes are checked."""
+"""Read and write our motion and subject files. Array shapes are validated."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _TYPES: dict[str, tuple[type, ...]] = dict.fromkeys(("edits", "resolved", "excha
 _TYPES |= {"settings": (dict,), "person": (str,), "solver": (str,), "solve_s": (int, float)}
 _ITEMS: dict[str, tuple[type, ...]] = {"edits": (dict,), "resolved": (dict,), "exchanged": (list,)}
 _ITEMS["sigma_px"] = (int, float)
-"""Types of entries that the product reads back, and of list items. Other entries are only displayed."""
+"""Types of provenance entries that the product uses, and of their list items. Other entries are only displayed."""
 
 
 def read_provenance(fields: Fields) -> dict[str, Any]:
-    """Return the provenance stored in a file. Raise FileDamaged if an entry has an unexpected type."""
+    """Read the provenance in a file. Raise FileDamaged if an entry has an unexpected type."""
     where = str(fields.path)
     try:
         value = json.loads(fields.text("provenance", "{}"))
@@ -51,13 +51,13 @@ _SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its 
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
-    """Write a motion. Its name defaults to the file name. See ``atomic_output`` for errors."""
+    """Write a motion to a file. Its name defaults to the file name. See ``atomic_output`` for errors."""
     name = Path(path).stem if name is None else name
     return motion_file.write_motion(path, as_file(motion, name), overwrite=overwrite)
 
 
 def as_file(motion: Motion, name: str) -> MotionFile:
-    """Convert a motion to the contents of its file."""
+    """Convert a motion to the fields of its file."""
     rotvec = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
     return MotionFile(
         name=name,
@@ -91,7 +91,7 @@ def read_motion(path: Path | str) -> Motion:
 
 
 def _require_arrays(fields: Fields) -> None:
-    """Check that every array written by the solver is present and has the correct shape."""
+    """Raise an error if an array that the solver always writes is missing or has another shape."""
     layout = layout_of(fields)
     width = AMASS_POSE_WIDTH if layout == SMPL else 3 * layout.num_joints
     frames = len(fields.numbers("poses", (None, width)))
@@ -106,11 +106,11 @@ def _require_arrays(fields: Fields) -> None:
 SUBJECT_FORMAT, SUBJECT_VERSION = "manifold_mocap_subject", 1
 _TEXTS = {"labels": "marker_labels", "places": "marker_places"}
 _NUMBERS = {"betas": "betas", "offsets": "offsets", "sigma_m": "marker_sigma", "skin_m": "skin_distance"}
-"""Field names in a subject file."""
+"""Names of text and numeric fields in a subject file."""
 
 
 def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool = False) -> Path:
-    """Write a subject. See ``atomic_output`` for errors."""
+    """Write a subject's shape and marker layout to a file. See ``atomic_output`` for errors."""
     texts = {"format": SUBJECT_FORMAT, "version": SUBJECT_VERSION, "body": subject.body}
     texts["provenance"] = json.dumps(subject.provenance, sort_keys=True)
     arrays = {name: np.array(value) for name, value in texts.items()}

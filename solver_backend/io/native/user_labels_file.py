@@ -1,4 +1,4 @@
-"""Read the labels that a user assigned to points. The solver never overrides them."""
+"""Read the marker labels that a user assigned by hand. The solver never overrides them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FORMAT, VERSION = "manifold_mocap_user_labels", 1
 
 
 def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the marker name for each (column, frame). It is empty if the point is not a marker.
+    """Read the user's marker name for each (column, frame). It is empty if the point is not a marker.
 
     Each item has ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a superset name, or "").
 
