@@ -92,10 +92,7 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
 
 
 def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
-    """Undo 90° image rotations in camera rotations R (C, 3, 3).
-
-    ``turns`` contains the number of clockwise quarter turns of each camera's images.
-    """
+    """Undo the images' clockwise quarter turns (one number per camera) in camera rotations R (C, 3, 3)."""
     once = [np.linalg.matrix_power(QUARTER.T, turn) for turn in turns]
     return np.stack(once) @ R
 

@@ -86,13 +86,13 @@ def distorted(
 
 
 def largest_radius(distortion: Distortion, models: Models) -> Float[Array, " cameras"]:
-    """Return the largest radius sqrt(x² + y²) at which each lens's radial distortion is invertible.
+    """Return each lens's largest radius sqrt(x² + y²) with invertible radial distortion.
 
     Beyond this radius, the distortion polynomial decreases, and distant points would be projected into the image. The
     radius is searched on a grid of angles and refined by interpolation. It is infinite if the distortion increases up
     to 89.4°.
     """
-    if isinstance(distortion, np.ndarray):  # every projection asks about the same few lenses
+    if isinstance(distortion, np.ndarray):  # cached, because every projection needs the same few lenses
         return _known_radius(distortion.tobytes(), distortion.dtype.str, models)
     return _by_model(models, _largest_radius, distortion)
 
@@ -213,7 +213,7 @@ class CameraArrays:
 
     @classmethod
     def of(cls, cameras: Cameras, like: Array) -> CameraArrays:
-        """Convert cameras to arrays of the same type as ``like``."""
+        """Convert cameras to the array type of ``like``."""
         K, distortion, R, t = (constant(a, like) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
         path = cameras.path and CameraPath(constant(cameras.path.R, like), constant(cameras.path.t, like))
         return cls(K, distortion, R, t, cameras.models, float(cameras.image_size[:, 0].mean()), path)
@@ -233,9 +233,10 @@ AnyCameras = Cameras | CameraArrays
 
 
 def project(cameras: AnyCameras, points: Points) -> ImagePoints:
-    """Return the (C, ..., 2) pixels of world points: ``K distort((R x + t)/z)``.
+    """Project world points to pixels (C, ..., 2): ``K distort((R x + t)/z)``.
 
-    Moving cameras need points (F, ..., 3), one row per frame. Pixels are NaN where not visible (see the module).
+    Moving cameras need points (F, ..., 3), one row per frame. Pixels of points that are not visible are NaN (see the
+    module).
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with lens distortion.
     """
@@ -273,9 +274,9 @@ def project_with_jacobian(
 
 
 def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
-    """Convert pixels to undistorted normalised coordinates (C, ..., 2), x/z and y/z.
+    """Convert pixels to undistorted normalised coordinates x/z and y/z (C, ..., 2).
 
-    The result is NaN for NaN pixels, and for pixels to which the lens maps no point. Poses are ignored.
+    The result is NaN for NaN pixels, and for pixels that no point is projected to. Poses are ignored.
     """
     K = cameras.K
     xp = array_namespace(K, xy)

@@ -97,7 +97,7 @@ would (docs/research-log/hands.md)."""
 
 @dataclass(frozen=True)
 class RefinedCalibration:
-    """Cameras before and after the correction."""
+    """Refined cameras, and the reprojection errors before and after the refinement."""
 
     cameras: Cameras
     """The C corrected cameras, in the original world."""
@@ -106,9 +106,9 @@ class RefinedCalibration:
     after_px: np.ndarray
     """(C,) median reprojection error of each view in px after the correction."""
     moved_mm: np.ndarray
-    """(C,) distance in mm by which each camera was moved."""
+    """(C,) distance in mm between each camera's old and new position."""
     turned_degrees: np.ndarray
-    """(C,) angle in degrees by which each camera was rotated."""
+    """(C,) angle in degrees between each camera's old and new rotation."""
 
     @property
     def is_better(self) -> bool:
@@ -120,7 +120,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     """Refine camera poses to fit the detections of all people.
 
     Every second frame is used for the fit, and the remaining frames measure the improvement. Because detections have no
-    scale, a similarity transform aligns the triangulated points with those of the given calibration.
+    scale, a similarity transform aligns the result with the given calibration, using triangulated points.
 
     Raises:
         TooFewViews: fewer than two cameras have detections.

@@ -40,10 +40,10 @@ class UndistortedViews:
 
     @cached_property
     def candidates(self) -> list[tuple[Array, Array, Array, Array]]:
-        """Points triangulated from each of several subsets of the views: points (3, N) and a mask (N,) of valid points.
+        """Points (3, N) triangulated from each of several subsets of the views, and a mask (N,) of valid points.
 
-        For each subset, they are followed by the squared reprojection errors (C, N) in px² in all views, and by a mask
-        (C, N) of points in front of the cameras.
+        Each subset also has the squared reprojection errors (C, N) in px² in all views, and a mask (C, N) of points in
+        front of the cameras.
         """
         xp = array_namespace(self.weight)
         equations = _ray_equations(self)
@@ -103,7 +103,7 @@ def _ray_equations(views: UndistortedViews) -> Array:
 
 
 def _solve(system: Array) -> tuple[Array, Array]:
-    """Solve the symmetric systems (9, N) by Cramer's rule. Return (3, N) solutions and a mask of the valid ones."""
+    """Solve N symmetric 3 x 3 systems (9, N) by Cramer's rule. Return solutions (3, N) and a mask of the valid ones."""
     xp = array_namespace(system)
     a, b, c, d, e, f, u, v, w = (system[i] for i in range(9))
     aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
@@ -116,7 +116,7 @@ def _solve(system: Array) -> tuple[Array, Array]:
 
 
 def _squared_residuals(views: UndistortedViews, point: Array) -> tuple[Array, Array]:
-    """Return the (C, N) squared residuals of points (3, N) in px², and a mask of points in front of the views."""
+    """Return squared reprojection errors (C, N) of points (3, N) in px², and a mask of points in front of cameras."""
     xp = array_namespace(point)
     camera = xp.matmul(views.R, point) + views.t[:, :, None]
     z = camera[:, 2]
@@ -297,7 +297,7 @@ def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedV
 
 
 def _spread_of(distance: Array, inliers: Array, otherwise: Array) -> Array:
-    """Estimate the detection noise (K,) from the reprojection errors (C, N) of N = F K points.
+    """Estimate the detection noise σ (K,) from the reprojection errors r (C, N) of N = F K points.
 
     A point in V views has 2 V coordinates and 3 unknowns. ``Σ r²/σ²`` therefore follows a χ² distribution with ``n = 2V
     - 3`` degrees of freedom, whose median is ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Only points in three or
@@ -443,7 +443,7 @@ BLOCK_FRAMES = 256  # Number of frames processed at a time.
 
 @dataclass(frozen=True)
 class Predictions:
-    """Predictions of K keypoints in F frames for C views."""
+    """Pixels predicted for K keypoints in F frames and C views, with covariances."""
 
     px: np.ndarray
     """(C, F, K, 2) pixels, NaN if no other view detects the keypoint."""
@@ -519,7 +519,7 @@ def _predicted(
 
 
 def _of_others(information: np.ndarray, gradient: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each view, the sums over all other views in the mask ``counted``."""
+    """Sum the information and the gradients over all other views in the mask ``counted``, for each view."""
     information = np.where(counted[..., None, None], information, 0.0)
     gradient = np.where(counted[..., None], gradient, 0.0)
     return information.sum(axis=0) - information, gradient.sum(axis=0) - gradient

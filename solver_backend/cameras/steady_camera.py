@@ -1,4 +1,4 @@
-"""Transform a moving camera's detections to those of a level camera that pans slowly with the person."""
+"""Convert the detections of a moving camera to a level camera that pans slowly with the person."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ FOLLOWS_S = 1.0  # Standard deviation in seconds of the Gaussian that smooths th
 
 
 def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Keypoints2D]:
-    """Replace a moving camera by a level one that pans slowly. Return it and its detections.
+    """Convert a moving camera and its detections to a level camera that pans slowly with the person.
 
     The view lifter was trained on static cameras, and the detector noise is measured from track jitter. A shaking
-    camera would affect both. Rotating a camera needs no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A static camera is unchanged.
+    camera would affect both. The level camera is at the same place, so no depth is needed: ``x' = π(V Rᵀ π⁻¹(x))``.
+    Here R and V are the rotations of both cameras, and π is the projection. A static camera is unchanged.
 
     Args:
         camera: a single camera, in a world with Z up.
@@ -53,7 +54,7 @@ def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Key
 
 
 def _panning(way: np.ndarray, fps: float) -> np.ndarray:
-    """Return rotations (F, 3, 3) of a level camera that follows horizontal directions (F, 2), 0 where unknown."""
+    """Return rotations (F, 3, 3) of a level camera that follows horizontal directions (F, 2). Unknown ones are 0."""
     known = np.flatnonzero(np.linalg.norm(way, axis=1) > 0)
     known = known if len(known) else np.arange(len(way))
     heading = np.unwrap(np.arctan2(way[known, 1], way[known, 0]))

@@ -83,7 +83,7 @@ def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
 
 
 def _inside(data: memoryview, *kinds: bytes) -> memoryview:
-    """Return the content of the box at a path of box types, or no bytes."""
+    """Follow a path of MP4 box types. Return the content of the last box, or no bytes."""
     for kind in kinds:
         data = next((content for found, content in _boxes(data) if found == kind), memoryview(b""))
     return data
@@ -157,7 +157,7 @@ def with_sizes_of(
 
     A camera without a stated image size uses the size of its video. If the video and the calibration have the same
     aspect ratio and the detections fit only the video, the calibration is scaled. Other differences are reported,
-    unless a codec filled up the images on the right and at the bottom.
+    unless a codec padded the images at the right and bottom.
     """
     cameras, notes, problems = calibration.cameras, list(calibration.notes), list(calibration.problems)
     guessed: list[str] = []
@@ -226,7 +226,7 @@ def count_recordings(root: Path) -> int:
 
 
 def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
-    """Group videos into recordings. The chapters of a recording are in order."""
+    """Group the chapters of each recording, in order. Other videos are single recordings."""
     recordings: list[list[Path]] = []
     open_: dict[tuple[str, ...], list[Path]] = {}
     numbered = [(chapter_of(path), path) for path in sorted(videos, key=lambda p: natural_key(p.name))]

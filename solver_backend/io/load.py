@@ -85,7 +85,7 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
 
 
 def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhClip:
-    """Read a motion of this program, or a clip of another body or skeleton, which is not converted.
+    """Read a motion of this program, or an unconverted clip of another body or skeleton.
 
     Raises:
         MotionInvalid: no reader recognises the path, or numbers are invalid (see ``motion_checks``).

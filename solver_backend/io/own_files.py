@@ -48,7 +48,7 @@ def _read_views(path: Path, options: ReadOptions) -> Capture:
 
 
 def _read_markers(path: Path, options: ReadOptions) -> Capture:
-    """Read a capture file with markers, at the frame rate in the options if given."""
+    """Read a capture file with markers. A frame rate in the options replaces the stored one."""
     capture = read_capture(path)
     capture = replace(capture, sources=capture.sources or (str(path),))
     if capture.markers is None:

@@ -59,7 +59,7 @@ class VideoDetections(TimedPictures):
 
     @property
     def name(self) -> str:
-        """Name of the camera."""
+        """Name of the camera. It defaults to the name of the video."""
         return self.camera or self.video.stem
 
     def of_track(self, number: int) -> tuple[np.ndarray, np.ndarray]:

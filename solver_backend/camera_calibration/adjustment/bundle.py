@@ -51,7 +51,7 @@ class Held:
     centre_sigma_m: float
 
     def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
-        """Return the rotation and translation (C, 6) from the expected poses, in standard deviations."""
+        """Return the rotation and translation (C, 6) of cameras from their expected poses, in standard deviations."""
         turn = log_so3(cameras.R @ np.swapaxes(self.cameras.R, 1, 2))
         moved: np.ndarray = cameras.R @ (cameras.centres - self.cameras.centres)[..., None]
         shift = -moved[..., 0]
@@ -152,14 +152,12 @@ def adjust(
 
 @dataclass(frozen=True)
 class _BundleState:
-    """Cameras, bodies and (C,) delays at one step of the adjustment."""
-
     cameras: Cameras
     bodies: Bodies
     delays: np.ndarray
 
     def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _BundleState:
-        """Return the bundle after a step of all cameras (19C,) and all bodies (B, 3 or 6)."""
+        """Apply a step of all cameras (19C,) and of all bodies (B, 3 or 6)."""
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
         t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
@@ -187,11 +185,7 @@ class _Task:
         return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
 
     def in_cameras(self, now: _BundleState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return, for each sighting, its point in camera axes, its lever arm and its delay-corrected pixel.
-
-        The arrays are (N, 3), (N, 3) and (N, 2). The lever arm points from the body's origin to the point, in world
-        axes.
-        """
+        """Return points (N, 3) in camera axes, lever arms (N, 3) from body origins, delay-corrected pixels (N, 2)."""
         seen, bodies, cameras = self.seen, now.bodies, now.cameras
         arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
         world = arm + bodies.t[seen.body]
@@ -322,7 +316,7 @@ class _Equations:
 
 
 def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C P, Q) matrix from unknowns to camera parameters, and the P parameters that are unknown."""
+    """Return the matrix (C P, Q) from Q unknowns to P parameters of C cameras, and the indices of these parameters."""
     C = len(unknowns.poses)
     late = np.zeros(C, bool) if unknowns.delays is None else unknowns.delays
     lens = np.zeros((C, PARAMETERS), bool) if unknowns.lens is None else unknowns.lens
@@ -339,7 +333,7 @@ def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sums(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """Sum the values (N, ...) of each group. Return (count, ...)."""
+    """Sum the values (N, ...) of each group. Return the sums (count, ...)."""
     total = np.zeros((count, *values.shape[1:]))
     order = np.argsort(group, kind="stable")
     firsts = np.flatnonzero(np.diff(group[order], prepend=-1))

@@ -31,7 +31,7 @@ class BoardFootage:
 
     @property
     def moving(self) -> bool:
-        """True if all extrinsic footage is video, so that cameras can be delayed."""
+        """True if all extrinsic footage is video, so its cameras may have delays."""
         return all(path.suffix.lower() in VIDEOS for path in self.extrinsic.values())
 
 
@@ -159,10 +159,7 @@ def find_boards(path: Path, board: Board) -> tuple[Sightings, tuple[int, int]]:
 def find_together(
     footage: BoardFootage, names: Sequence[str], board: Board, progress: Progress
 ) -> tuple[list[Sightings], list[tuple[int, int]]]:
-    """Detect the board in the extrinsic footage of each camera (see ``find_boards``).
-
-    A camera without footage has no sightings and the image size (0, 0).
-    """
+    """Run ``find_boards`` on the extrinsic footage of each camera. A camera without footage has no sightings."""
     seen, sizes = [], []
     for done, name in enumerate(names):
         progress(f"Board before {name}", done, len(names))

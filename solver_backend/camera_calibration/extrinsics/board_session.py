@@ -28,12 +28,12 @@ from solver_backend.types import Cameras
 FEWEST_TOGETHER = 2  # Minimum number of sightings that a usable pair of cameras has in common.
 OUTLIER_SIGMAS = 6.0  # Largest error in the second adjustment, in multiples of the median error.
 ZOOM_GAIN = 0.25  # Smallest error reduction by a free focal length that indicates a zoom. Chosen by hand.
-UNKNOWN_VELOCITY = 10.0  # Factor on the deviation of points whose velocity is unknown, while delays are estimated.
+UNKNOWN_VELOCITY = 10.0  # Factor on the deviation of points with unknown velocity when delays are estimated.
 
 
 @dataclass(frozen=True)
 class BoardCalibration:
-    """Result of a board calibration."""
+    """Cameras and board poses estimated from board footage."""
 
     adjusted: Adjusted  # Cameras and board poses in the first camera's axes.
     moments: tuple[int, ...]  # Frames that show the board in any camera.
@@ -110,7 +110,7 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
 
 
 def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
-    """Treat all poses and lens parameters as unknown, except coefficients that are zero."""
+    """Return unknowns for all poses and lens parameters, except distortion coefficients that are zero."""
     fitted = [np.flatnonzero(lens.distortion) for lens in lenses]
     default = LENS_MODELS["radial2"].fitted
     free = np.stack([lens_mask(used if len(used) else default, centre=True) for used in fitted])

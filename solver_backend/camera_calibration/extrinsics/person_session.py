@@ -288,10 +288,7 @@ def calibrate_by_person(
 def _best_of(
     names: Sequence[str], lenses: Sequence[Lens], readings: Sequence[Keypoints2D], free_focal: bool
 ) -> PersonCalibration:
-    """Calibrate from each version of the keypoints, and return the result with the most inliers.
-
-    If all calibrations fail, the first error is raised.
-    """
+    """Return the calibration with the most inliers over all versions of the keypoints, or raise the first error."""
     found, failed = list[PersonCalibration](), list[MocapError]()
     for keypoints in readings:
         try:
@@ -306,7 +303,7 @@ def _best_of(
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
     """Refine calibrated cameras to fit a take, or keep them if the refinement improves little.
 
-    Cameras that have not moved keep their poses, so that moved cameras are detected (see ``align_cameras``).
+    The result is aligned with the cameras that have not moved (see ``align_cameras``), so that the others are detected.
     """
     solved = refined_by_person(cameras, keypoints, free_focal=free_focal)
     found = _result("refine", solved)

@@ -137,9 +137,9 @@ def intersected(
 def point_bodies(
     cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None
 ) -> tuple[Bodies, BodySightings, np.ndarray]:
-    """Convert clicks or keypoints to single-point bodies and their sightings. Also return their indices.
+    """Convert clicks or keypoints to single-point bodies and their sightings.
 
-    A point is used if two cameras see it or its position is known.
+    A point is used if two cameras see it or its position is known. Also return the indices of the used points.
 
     Args:
         xy: (C, P, 2) points in px, NaN where not visible.
@@ -233,8 +233,8 @@ def inverted(a: Pose) -> Pose:
 def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
     """Estimate the pose from the first to the second camera from board poses in common frames.
 
-    Each frame proposes ``T_second T_first⁻¹``. The proposal with the smallest median distance from all others is used.
-    This rejects the wrong one of the two poses that a flat board allows.
+    In each frame, the board poses T in both cameras propose ``T_second T_first⁻¹``. The proposal with the smallest
+    median distance from all others is used. This rejects the wrong one of the two poses that a flat board allows.
     """
     proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
     R, t = np.stack([p[0] for p in proposals]), np.stack([p[1] for p in proposals])

@@ -121,10 +121,7 @@ class FocalLength:
 
 
 def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) -> FocalLength:
-    """Return the focal length that the user or the file gives, or guess it from the image size.
-
-    ``given`` is text such as ``EXAMPLE``, or empty.
-    """
+    """Return the focal length that the user (``given``) or the file states, or guess it from the image size."""
     if given:
         return _given(given, image_size)
     recorded = recorded_focal_mm(footage)

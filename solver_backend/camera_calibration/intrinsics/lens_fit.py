@@ -68,7 +68,7 @@ def fitted_lens(
         start = _start(board, views, image_size)
     lens = Lens(start.K, start.distortion, image_size, model.distortion_model)
     free = lens_mask(model.fitted, centre=True)[None]
-    sigma = np.repeat([1.0, 0.1, 2.0], [2, 2, 8])[None]  # weak, so that rich models do not fold where nothing is seen
+    sigma = np.repeat([1.0, 0.1, 2.0], [2, 2, 8])[None]  # weak, so that lenses do not fold where no corner is
     found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, sigma), steps)
     focal = np.sqrt(np.diag(found.covariance))[6] * found.cameras.K[0, 0, 0]
     focal_sigma = float(focal * found.rmse_px / np.sqrt(2) / CORNER_SIGMA_PX)
@@ -208,8 +208,8 @@ def _held_out(
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
     """Choose the distortion model that predicts best for all cameras, or None if none suits every camera.
 
-    A camera's evidence is ``-n log σ``, where its best model predicts corners in n images to within σ px, assuming
-    normal errors.
+    The best model minimises ``Σ n log σ`` over the cameras. σ is the smallest held-out error in px, and n is the number
+    of images.
     """
     costs: dict[str, float] = {}
     for family in sorted({LENS_MODELS[name].distortion_model for name in models}):
@@ -260,7 +260,7 @@ def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_s
 
 
 def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) -> np.ndarray:
-    """Count the detected corners in each cell of the image. Return (rows, columns)."""
+    """Count the detected corners in each cell of the image. Return an array (rows, columns)."""
     across, down = CELLS
     count = np.zeros((down, across), dtype=int)
     for view in sightings:
@@ -273,7 +273,7 @@ def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) ->
 def advice(
     sightings: Sequence[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
 ) -> tuple[Diagnostic, ...]:
-    """Recommend board images that are missing. ``tilted`` is the number of images with a tilted board."""
+    """Recommend board images to add, such as tilted ones. ``tilted`` is the number of tilted images."""
     seen = coverage(sightings, image_size) > 0
     down, across = seen.shape[0] // 3, seen.shape[1] // 4
     parts = {"left": seen[:, :across], "right": seen[:, -across:], "top": seen[:down], "bottom": seen[-down:]}

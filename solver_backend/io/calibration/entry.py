@@ -141,11 +141,7 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
-    """Correct cameras in an unusual convention, such as focal lengths in image widths.
-
-    Return the cameras and a diagnostic for each correction. Raise ``CalibrationInvalid`` if focal lengths seem to be in
-    mm.
-    """
+    """Correct cameras in an unusual convention, such as focal lengths in image widths. Also report corrections."""
     names, found = [entry.name for entry in entries], []
     sized = all(e.image_size is not None for e in entries)
     sizes = [np.array(e.image_size or (1, 1)) for e in entries]

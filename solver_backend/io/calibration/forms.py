@@ -42,7 +42,7 @@ _Steps = Mapping[str, tuple[str, np.ndarray]]
 
 @dataclass(frozen=True)
 class Content:
-    """The cameras in a file, with the length unit and up axis of its format if defined."""
+    """Cameras in a file, and the length unit and up axis that its format defines, if any."""
 
     nodes: Nodes
     unit: str = ""
@@ -58,7 +58,7 @@ def cameras_in_tree(stem: str, tree: Any) -> Content:
 
 
 def _nodes(stem: str, tree: Any, shared: Values) -> Content:
-    """Find one camera in the whole tree, one per node, or one per entry of listed values."""
+    """Find the cameras in a tree: the tree itself, its nodes, or the entries of its lists."""
     if (camera := _camera(tree, shared)) is not None:
         values, unit, up_axis = camera
         return Content(_stacked(values) or [(stem, values)], unit, up_axis)
@@ -93,9 +93,9 @@ def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
 
 
 def _stacked(values: Values) -> Nodes:
-    """Split values that list all cameras (as in ZJU-MoCap) into one node per camera, or return [].
+    """Split values that list all cameras (as in ZJU-MoCap) into one node per camera.
 
-    If all rows have the same intrinsics, they describe one moving camera.
+    Return [] for a single camera. Rows with equal intrinsics describe one moving camera.
     """
     try:
         K = np.array(find(values, "K"), dtype=np.float64)
@@ -302,7 +302,7 @@ def _multical(tree: Values) -> Content | None:
 
 
 def _mccalib(tree: Values) -> Content | None:
-    """Read MC-Calib's cameras. Their poses are from camera to the world of the camera group."""
+    """Read MC-Calib's cameras. A pose converts from the camera to the world of its camera group."""
     nodes = [(str(k), v) for k, v in tree.items() if isinstance(v, Mapping) and "camera_pose_matrix" in v]
     if "nb_camera" not in tree or not nodes:
         return None
@@ -319,11 +319,10 @@ def _mccalib(tree: Values) -> Content | None:
 _STEREO = re.compile(r"(?:m|k|mtx|camera_?matrix|intrinsics?)_?(1|2|l|r|left|right)", re.IGNORECASE)
 _STEREO_LENS = re.compile(r"(?:d|dist|dist_?coeffs?|distortion)_?(1|2|l|r|left|right)", re.IGNORECASE)
 """Key patterns for the intrinsic matrices and distortion coefficients of a stereo pair."""
-_MORE = re.compile(r"_?(?:cam)?_?(?:[03-9]|\d{2,})", re.IGNORECASE)  # End of such a name for a further camera.
+_MORE = re.compile(r"_?(?:cam)?_?(?:[03-9]|\d{2,})", re.IGNORECASE)  # End of such a key for a third or later camera.
 
 
-def _is_square(value: Any) -> bool:
-    """Return whether a value has nine numbers, as an intrinsic matrix does."""
+def _has_nine_numbers(value: Any) -> bool:
     try:
         return np.size(value.get("data", ()) if isinstance(value, Mapping) else value) == 9
     except ValueError:
@@ -335,7 +334,7 @@ def _stereo(tree: Values) -> Content | None:
     sides: dict[str, dict[str, Any]] = {"left": {}, "right": {}}
     for pattern, what in ((_STEREO, "K"), (_STEREO_LENS, "distortion")):
         for key, value in tree.items():
-            if (found := pattern.fullmatch(str(key))) and (what != "K" or _is_square(value)):
+            if (found := pattern.fullmatch(str(key))) and (what != "K" or _has_nine_numbers(value)):
                 stem = str(key)[: found.start(1)]
                 if any(str(k).startswith(stem) and _MORE.fullmatch(str(k).removeprefix(stem)) for k in tree):
                     return None

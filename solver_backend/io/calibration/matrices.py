@@ -32,7 +32,7 @@ from solver_backend.io.files import LARGEST_TEXT, first_bytes, read_json, read_t
 DLT_NUMBERS = 11  # DLT coefficients per camera: the projection matrix divided by its last element, by rows.
 _LARGEST_TEXT, _LARGEST_ARRAYS = 1 << 16, 1 << 24  # Size limits of a text file and of an array file, in bytes.
 _CAMERA_NAMES = ("names", "camera_names", "cameras")
-_KINDS = ("intrinsic", "intrinsics", "intri", "extrinsic", "extrinsics", "extri")  # Not camera names.
+_KINDS = ("intrinsic", "intrinsics", "intri", "extrinsic", "extrinsics", "extri")  # Not names of cameras.
 _LIKE_CALIBRATION = re.compile(r"calib|extri|intri|stereo|cam(era)?(s|_?(param|pose|info)\w*)?$", re.IGNORECASE)
 _TELLING = {
     n for what in ("K", "distortion", "rotation", "translation", "extrinsics") for n in SPELLINGS[what] if n[3:]
@@ -80,10 +80,7 @@ def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
 
 
 def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
-    """Read the cameras in a file. Its suffix must be in ``READ``.
-
-    If ``nested`` is true, the folder may name the camera.
-    """
+    """Read the cameras in a file with a suffix in ``READ``. If ``nested`` is true, the folder may name the camera."""
     read, largest = READ[path.suffix.lower()]
     if path.is_file() and path.stat().st_size > largest:
         return MatrixFile(path, Content([]))

@@ -231,9 +231,7 @@ def is_colmap(folder: Path) -> bool:
 
 
 def read_colmap(folder: Path) -> StatedCameras:
-    """Read the cameras of a COLMAP text model, one per image, in the model's unit.
-
-    COLMAP's pixel centres are at 0.5, ours at 0.
+    """Read the cameras of a COLMAP text model, one per image. COLMAP's pixel centres are at 0.5, ours at 0.
 
     Reference: COLMAP documentation, "Output Format" (text) and "Camera Models".
     """

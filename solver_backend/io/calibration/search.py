@@ -53,7 +53,8 @@ ByViews = Callable[[Cameras, list[int] | None], list[int] | None]
 def levels_above(root: Path) -> list[Path]:
     """List a folder, its parent, and the folders above them that belong to the same recording.
 
-    A folder belongs to it if its subfolder contains a Config.toml or has a Pose2Sim name such as ``S00_P00_...``.
+    A folder belongs to the recording if its subfolder contains a Config.toml or has a Pose2Sim name such as
+    ``S00_P00_...``.
     """
     levels = [root, root.parent]
     while len(levels) < MOST_LEVELS:

@@ -30,15 +30,14 @@ LARGEST_TAKE_FRAMES = 1_000_000  # Largest number of frames, more than four hour
 _LARGEST_NUMBER = 1e9  # Largest whole number in a table.
 
 
-def _file(path: Path) -> Path | None:
-    """Return the table of points at a path or in a folder, or None."""
+def _find_table(path: Path) -> Path | None:
     inside = list(path.iterdir()) if path.is_dir() else [path] if path.is_file() else []
     found = [p for p in inside if p.name.lower().startswith("xy_") and p.suffix.lower() == ".csv"]
     return found[0] if len(found) == 1 else None
 
 
 def _read(path: Path, options: ReadOptions) -> Capture:
-    source = _file(path) or path
+    source = _find_table(path) or path
     numbers, xy = _rows(source)
     above = list(source.parents)[:_LEVELS]
     project = next((p for p in above if (p / _CONFIG).is_file() or (p / "camera_array.toml").is_file()), None)
@@ -105,7 +104,7 @@ def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
 _TAKES = "fps joint_set unit up_axis trim offset by_order camera stature scale level"
 READER = Reader(
     "caliscope's xy_*.csv, or its folder, in a project with its config.toml",
-    lambda path: _file(path) is not None,
+    lambda path: _find_table(path) is not None,
     _read,
     frozenset(_TAKES.split()),
 )

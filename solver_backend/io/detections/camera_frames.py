@@ -40,7 +40,7 @@ class CameraFrames:
 
     @classmethod
     def in_memory(cls, frames: Mapping[int, People], path: Path, keypoints: tuple[str, ...] = ()) -> CameraFrames:
-        """Store the people in each frame of a file, by frame number."""
+        """Build camera frames from the people in each frame of a file, by frame number."""
         if not frames:
             raise FileDamaged("The file has no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)
@@ -54,7 +54,7 @@ class CameraFrames:
     def of_array(
         cls, points: np.ndarray, path: Path, keypoints: tuple[str, ...] = (), numbers: Sequence[int] | None = None
     ) -> CameraFrames:
-        """Store points (F, P, K, 3). People without any confident point are omitted."""
+        """Build camera frames from points (F, P, K, 3). People without any confident point are omitted."""
         seen = has_score(points[..., 2]).any(-1)
         counted = zip(numbers or range(len(points)), points, seen, strict=True)
         frames = {number: list(people[there]) for number, people, there in counted}
@@ -64,7 +64,7 @@ class CameraFrames:
     def of_people(
         cls, found: Iterable[tuple[int, np.ndarray]], path: Path, keypoints: tuple[str, ...] = ()
     ) -> CameraFrames:
-        """Group people (K, 3) by their frame numbers."""
+        """Build camera frames from pairs of a frame number and a person (K, 3)."""
         frames: dict[int, People] = {}
         for number, person in found:
             here = frames.setdefault(number, [])

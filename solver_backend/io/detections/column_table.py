@@ -118,7 +118,7 @@ def _points_in(heading: list[str]) -> dict[str, dict[str, int]]:
 
 
 def _in_order(names: list[str]) -> tuple[list[str], bool]:
-    """Sort numbered points and return False, or keep named points and return True."""
+    """Sort points that have numbers, or keep points that have names. Also return whether they have names."""
     numbers = [int(found[1]) if (found := _NUMBERED.fullmatch(name)) else -1 for name in names]
     first = min(numbers, default=-1)
     if first in (0, 1) and sorted(numbers) == list(range(first, first + len(names))):
@@ -304,7 +304,7 @@ def frames_of_columns(
     coords: Sequence[str],
     path: Path,
 ) -> CameraFrames:
-    """Store a table that has one column per person, point and coordinate.
+    """Build camera frames from a table with one column per person, point and coordinate.
 
     Args:
         numbers: numbers of the F frames.

@@ -60,7 +60,7 @@ def _object_point(point: Mapping[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def _person(entry: Any, where: str) -> np.ndarray:
-    """Convert a person's scores and points, triples, or objects to points (K, 3)."""
+    """Read a person's points (K, 3) from triples, from objects, or from points and a list of scores."""
     if not isinstance(entry, dict):
         hint = "Export the detections again, with an object for each person."
         raise FileDamaged("A person in the file is not a JSON object.", where=where, hint=hint)
@@ -308,7 +308,7 @@ def _json_names(folder: Path) -> Iterable[str]:
 
 
 def json_files(folder: Path) -> list[Path]:
-    """List the JSON files in a folder by name, without hidden files and keypoint definitions."""
+    """List the JSON files in a folder, sorted by name, without hidden files and keypoint definitions."""
     return [folder / name for name in sorted(_json_names(folder))]
 
 
@@ -318,7 +318,7 @@ def has_json_files(folder: Path) -> bool:
 
 
 def line_files(folder: Path) -> list[Path]:
-    """List the files with one JSON document per line in a folder by name, without hidden files."""
+    """List the JSON Lines files in a folder, sorted by name, without hidden files."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in LINES and not p.name.startswith("."))
 
 

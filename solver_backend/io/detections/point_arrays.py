@@ -228,7 +228,7 @@ def read_sleap(path: Path) -> CameraFrames:
 
 
 def _sleap_analysis(file: Any, path: Path) -> CameraFrames:
-    """Read ``tracks`` (tracks, 2, nodes, frames) with ``point_scores`` (tracks, nodes, frames)."""
+    """Read an analysis file: ``tracks`` (tracks, 2, nodes, frames) and ``point_scores`` (tracks, nodes, frames)."""
     names = file["node_names"][()].tolist()
     names = tuple(name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name) for name in names)
     tracks = np.asarray(file["tracks"][()], dtype=np.float64)
@@ -243,7 +243,7 @@ def _sleap_analysis(file: Any, path: Path) -> CameraFrames:
 
 
 def _sleap_labels(file: Any, path: Path) -> CameraFrames:
-    """Read ``frames``, ``instances`` and their points: ``pred_points`` with scores, or ``points`` without scores."""
+    """Read a project file: ``frames``, ``instances``, and their ``pred_points`` (with scores) or ``points``."""
     about = json.loads(file["metadata"].attrs["json"])
     order = [node["id"] for node in about["skeletons"][0]["nodes"]]
     names = tuple(str(about["nodes"][i]["name"]) for i in order)

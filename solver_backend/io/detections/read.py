@@ -27,8 +27,6 @@ _PROGRESS_STEP = 250  # Frames between progress reports, chosen by hand.
 
 @dataclass(frozen=True)
 class _Picture:
-    """The people that one camera shows in one frame."""
-
     camera: int
     frame: int
     where: str
@@ -197,7 +195,7 @@ def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[D
 def _written_hands(
     pictures: list[_Picture], size: tuple[int, int]
 ) -> tuple[np.ndarray | None, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return hands (C, F, P, 2, 21, 3) that files list separately from bodies, or None, notes and problems."""
+    """Collect hands (C, F, P, 2, 21, 3) that files list apart from the body, or None, notes and problems."""
     if all(hand is None for picture in pictures for hand in picture.hands):
         return None, (), ()
     most = max(len(picture.people) for picture in pictures)

@@ -133,7 +133,7 @@ def _whole_take(path: Path, camera: str = "") -> CameraFrames | None:
 
 
 def _frame_folders(parent: Path) -> dict[str, CameraSource]:
-    """Find cameras in a folder with one subfolder per frame, which has one file per camera."""
+    """Find cameras in a folder with one subfolder per frame and one file per camera in each subfolder."""
     below = sorted((path for path in parent.iterdir() if path.is_dir()), key=lambda path: natural_key(path.name))
     if len(below) <= _MOST_CAMERAS or any(not any(c.isdigit() for c in path.name) for path in below):
         return {}
@@ -167,7 +167,7 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
 
 def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
     """Return the first file type in ``_KINDS`` that a folder contains, and its files, or None."""
-    listed = sorted(p for p in folder.iterdir() if p.is_file())  # filtered tables come later and win
+    listed = sorted(p for p in folder.iterdir() if p.is_file())  # filtered tables sort last and take precedence
     for kind in _KINDS:
         if found := [path for path in listed if kind.recognises(path)]:
             return kind, found

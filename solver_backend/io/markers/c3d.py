@@ -261,8 +261,6 @@ def _segment_name(label: str) -> str:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Location and size of the frames in a C3D file."""
-
     start: int  # Index of the first byte.
     frames: int
     stride: int  # Bytes per frame.

@@ -172,7 +172,7 @@ def _motive_bodies(
 
 
 def _motive_poses(bodies: Mapping[str, tuple[int, int]], values: np.ndarray) -> RigidBodies:
-    """Return the poses of rigid bodies in F rows. A body without a valid quaternion is missing."""
+    """Return the poses of rigid bodies in F rows. A body is NaN in rows without a valid quaternion."""
     places = triples(values, [place for _, place in bodies.values()])
     quat = np.stack([values[:, [turn + 3, turn, turn + 1, turn + 2]] for turn, _ in bodies.values()], axis=1)
     length = np.linalg.norm(quat, axis=-1, keepdims=True)

@@ -60,14 +60,12 @@ def read_mat(path: Path) -> dict[str, Any]:
 
 @dataclass
 class _ElementReader:
-    """Reads MATLAB elements, and limits the memory that they use."""
-
     order: str  # Byte order, "<" or ">".
     bytes_left: int
     elements_left: int = _MOST_ELEMENTS
 
     def variables(self, data: memoryview) -> dict[str, Any]:
-        """Read the variables in a file without its header."""
+        """Read the variables from the data after the file header."""
         found: dict[str, Any] = {}
         while len(data):
             kind, content, data = self._element(data, padded=False)
@@ -112,7 +110,6 @@ class _ElementReader:
         return np.frombuffer(content, dtype), data
 
     def _matrix(self, data: memoryview, depth: int) -> tuple[str, Any]:
-        """Read a matrix element. Return its name and value."""
         self.elements_left -= 1
         if self.elements_left < 0 or depth > _DEEPEST:
             raise ValueError("it has too many values, or values that are nested too deeply")

@@ -65,7 +65,7 @@ def read_point_table(path: Path) -> MarkerSource:
 
 
 def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
-    """Return the first line of numbers, the headings, the first column of each point, and the unit.
+    """Return the index of the first line with numbers, the headings, the first column of each point, and the unit.
 
     Long tables have no columns for individual points. The result is None if the lines contain no point headings.
     """

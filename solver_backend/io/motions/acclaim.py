@@ -39,9 +39,7 @@ class _Bone:
 
 
 def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
-    """Read a motion from an ASF and an AMC file, given the path of either one.
-
-    The motion is in the skeleton's unit and axes.
+    """Read the motion in a pair of ASF and AMC files, given either path. It is in the skeleton's unit and axes.
 
     Raises:
         FileMissing: the other file in the pair is missing or ambiguous.

@@ -207,13 +207,10 @@ _FOLLOWING = 12  # Number of frames compared with the first step.
 def read_foreign_clip(
     path: Path, unit: str = "", up_axis: str = "", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a person's motion from another program, in metres with Z up.
+    """Read a person's motion from another program in metres with Z up. Also return its roles and diagnostics.
 
     If no unit is given, the leg length determines it. If no up axis is given, the trunk determines it in BVH and AMC
     files, and it is Z in other formats. AMC files do not state a rate, so ``fps`` sets it.
-
-    Returns:
-        The motion, the joint of each role, and diagnostics.
 
     Raises:
         MocapError: see ``read_stated``.
@@ -250,8 +247,8 @@ def read_stated(
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read a motion from another program, in the file's unit and axes.
 
-    ``through_blender`` is the verb and arguments for the add-on's command line, which reads other files. The map from
-    roles to joints is empty if the format does not define roles.
+    Also return the joint of each role, which is empty if the format does not define roles, and diagnostics.
+    ``through_blender`` is the command that reads other files on the add-on's command line.
 
     Raises:
         MocapError: the format is not supported, or the reader raises an error.
@@ -355,7 +352,7 @@ def _clear_axis(ways: np.ndarray) -> int | None:
 
 
 def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:
-    """Warn if the first frame seems to be a separate pose, from which a joint jumps to the second frame."""
+    """Warn if a joint jumps from the first to the second frame, so that the first one seems to be a separate pose."""
     parents = np.array(motion.parents)
     G = motion.turns[:_FOLLOWING]
     if len(G) < _FOLLOWING:

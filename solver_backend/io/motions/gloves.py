@@ -58,7 +58,7 @@ def _no_angles(frames: int) -> tuple[np.ndarray, np.ndarray]:
 def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Compute A joint angles (F, A) and palm rotations (F, 3, 3) from hand points (F, 21, 3).
 
-    If the fingers bend backwards, the points are mirrored, and this is undone first.
+    If the fingers bend backwards, the points are a mirror image and are mirrored first.
     """
     palm = np.linalg.norm(points[:, KNUCKLES[1:]] - points[:, :1], axis=-1)
     if not (palm[:, [0, 1, -1]] > _LEAST_PALM).all(axis=1).any():

@@ -48,7 +48,7 @@ _STORED = (*_FIELDS.split(), *_CAMERA_SHAPES, *_OF_PERSON_AND_LENS, *_OF_DETECTO
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write a capture. Paths of footage in its folder are stored relative to the folder."""
+    """Write a capture file. Footage in the same folder is stored by its relative path."""
     arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT), "version": np.array(VERSION)}
     arrays |= {"name": np.array(capture.name), "sources": _strings(capture.sources)}
     if found := (*capture.notes, *capture.problems):
@@ -212,7 +212,7 @@ def _footage_first(fields: Fields) -> tuple[int, ...]:
 
 
 def _truth(fields: Fields) -> dict[str, np.ndarray]:
-    """Return the ground truth arrays of a simulated capture. Unknown values are NaN."""
+    """Return the ground truth arrays of a capture. Unknown values are NaN."""
     found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
     for name, value in found.items():
         if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():

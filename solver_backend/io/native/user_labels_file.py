@@ -15,13 +15,14 @@ FORMAT, VERSION = "manifold_mocap_user_labels", 1
 
 
 def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Read the user's marker name for each (column, frame). It is empty if the point is not a marker.
+    """Read the marker names that a user assigned to points. Return them by (column, frame).
 
-    Each item has ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a superset name, or "").
+    Each item has ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a name in ``MARKERS``, or "" if the
+    point is not a marker).
 
     Raises:
         FileMissing, FileDamaged: the file is missing, has another format, or refers to an unknown point.
-        MarkersUnknown: a marker is not in the superset.
+        MarkersUnknown: a marker is not in ``MARKERS``.
     """
     values = read_json(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):

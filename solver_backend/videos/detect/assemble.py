@@ -124,9 +124,10 @@ def assembled(
 
 
 def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arrange one video's people in ``most`` slots: xy (F, P, K, 2), confidence (F, P, K), hands (F, P, 2, 21, 3).
+    """Arrange the people detected in one video in ``most`` slots, one per person.
 
-    Each person keeps one slot, because interpolation connects equal slots in neighbouring frames.
+    Return xy (F, P, K, 2), confidence (F, P, K) and hands (F, P, 2, 21, 3). Each person keeps one slot, because
+    interpolation connects equal slots in neighbouring frames.
     """
     frames = len(item.track)
     xy = np.full((frames, most, *item.xy.shape[2:]), np.nan)
@@ -185,7 +186,7 @@ def in_video_pixels(
 
 
 def _stored_size(item: VideoDetections | FilmedSize) -> tuple[int, int]:
-    """Return the size in stored pixels, which other programs use to calibrate cameras with non-square pixels."""
+    """Return the stored size of a video. Other programs calibrate cameras with non-square pixels at this size."""
     return probe(item.video).stored if item.video.exists() else item.size
 
 

@@ -34,9 +34,7 @@ from solver_backend.videos.video_detections import VERSION, VideoDetections, rea
 
 
 def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
-    """Assign rows to columns of a cost matrix (N, M) at the smallest total cost. Return (row, column) pairs.
-
-    There are ``min(N, M)`` pairs.
+    """Assign rows to columns of a cost matrix (N, M) at the smallest total cost. Return ``min(N, M)`` pairs.
 
     Reference: Kuhn 1955, Jonker and Volgenant 1987.
     """

@@ -232,7 +232,7 @@ def _model(path: Path) -> str:
 
 
 def _described(path: Path) -> dict[str, Any]:
-    """Read a model description from a JSON file, with the path of the model and its possible point counts."""
+    """Read a model description. Return it with the path of the model and the possible numbers of its points."""
     description = read_json_file(path, LARGEST_DESCRIPTION)
     name = description.get("model") if isinstance(description, dict) else None
     if not isinstance(name, str) or not name:
@@ -315,7 +315,7 @@ class DetectorProcess:
         self._close()
 
     def end(self) -> None:
-        """Kill the process. Other threads may call this, and more than once."""
+        """Kill the process. Any thread may call this repeatedly."""
         self._ended = True
         self._kill()
 

@@ -83,7 +83,7 @@ class HandInCrop:
     right: float = 1.0  # Probability that it is a right hand, 0 to 1. Left hands are mirrored in their crops.
 
     def counted(self) -> np.ndarray:
-        """Return the points with their confidence (21, 3). It is lower if the hand may be of the other side."""
+        """Return the points (21, 3) with a confidence that is lower if the side of the hand is uncertain."""
         trust = self.presence * min(1.0, max(LEAST_TRUST, self.right / RIGHT))
         return np.column_stack([self.points, np.full(len(self.points), trust)])
 
@@ -148,8 +148,6 @@ def search_hands(
 
 @dataclass(frozen=True)
 class _HandSearch:
-    """Search for one hand in one image."""
-
     rgb: np.ndarray
     side: int
     look: Look
@@ -170,7 +168,7 @@ class _HandSearch:
         return second.counted() if second.presence >= PRESENCE else None
 
     def at_arm(self, arm: np.ndarray, own: np.ndarray, hand_px: float, before: np.ndarray | None) -> np.ndarray:
-        """Search for a hand (21, 3) at its previous position, then at the end of the arm's pixels (2, 2)."""
+        """Search for a hand (21, 3) at its previous position, then at the wrist of the arm (2, 2) in px."""
         there = np.where(own[:, 2:] >= SURE, own[:, :2], arm)
         alike = float(np.linalg.norm(there - arm, axis=-1).max()) < ALIKE * hand_px
         places = [place for place in ([arm] if alike else [arm, there]) if self.shows(place[1])]
@@ -190,7 +188,7 @@ class _HandSearch:
 
 
 def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, found: np.ndarray) -> None:
-    """Search for a hand in the views without it, at its triangulated position in two or more other views."""
+    """Search for a hand in the views that missed it, where two or more other views locate it."""
     seen = found[:, 0, 2] > 0
     missing = [view for view in searches if not seen[view]]
     if seen.sum() < 2 or not missing:
@@ -225,7 +223,7 @@ def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float
 
 
 def in_footage(cameras: Cameras, arms: Arms, scale: np.ndarray) -> tuple[Cameras, Arms]:
-    """Convert cameras and detected arms to footage pixels by scale factors (C, 2)."""
+    """Scale cameras and detected arms to footage pixels by factors (C, 2)."""
     for view in np.flatnonzero((scale != 1.0).any(axis=1)):
         wide, high = np.round(cameras.image_size[view] * scale[view]).astype(int).tolist()
         cameras = resized(cameras, int(view), (wide, high))
@@ -370,14 +368,14 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
 
 
 def seen_by(capture: Capture, least: int) -> dict[str, float]:
-    """Return the percentage of frames in which at least ``least`` views show a hand, for each side."""
+    """For each side, return the percentage of frames with a hand in at least ``least`` views."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
     return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}
 
 
 def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
-    """Triangulate or lift the elbows and wrists, and interpolate gaps. Also report missing sides."""
+    """Triangulate or lift the elbows and wrists, and interpolate gaps. Also report sides without an arm."""
     cameras, keypoints = capture.require_views()
     cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not to the world.
     names = keypoints.joint_set.keypoints

@@ -56,7 +56,7 @@ _CHAINS = (
 def write_previews(
     found: Sequence[VideoDetections], folder: Path, progress: Progress = silent, *, overwrite: bool = False
 ) -> list[Path]:
-    """Write a preview video of each video's detections to a folder. Return the paths."""
+    """Write a preview video of the detections for each video. Return the paths."""
     written, total, done = [], sum(item.num_frames for item in found), 0
     for item in found:
         path = folder / f"{item.name}_detections.mp4"
@@ -95,7 +95,6 @@ def _person(rgb: np.ndarray, joint_set: JointSet, points: np.ndarray, sure: np.n
 
 
 def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) -> None:
-    """Draw filled squares around (N, 2) points."""
     reach = np.arange(-radius, radius + 1)
     x, y = (np.round(points[:, axis]).astype(int)[:, None, None] for axis in (0, 1))
     x, y = np.broadcast_arrays(x + reach[:, None], y + reach)

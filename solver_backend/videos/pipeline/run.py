@@ -58,7 +58,7 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
-    """Return the hand detector's part of a capture's recorded inputs."""
+    """Return the hand detector's entry in the recorded inputs of a capture, or [] without a detector."""
     model = None if detector is None else Path(str(detector.options["model"]))
     return [] if model is None else [f"hands by {model.name}, {model.stat().st_size} bytes"]
 
@@ -73,8 +73,6 @@ def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, pro
 
 
 class _TakeRun:
-    """Runs the steps of one take. It has one method per step in ``STEPS``."""
-
     def __init__(self, found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress) -> None:
         self._found, self._plan, self._settings, self._progress = found, plan, settings, progress
         self.steps = Steps(plan.folder, plan.take.name)
@@ -193,7 +191,7 @@ class _TakeRun:
         return motion
 
     def _kept_calibration(self) -> Calibration | None:
-        """Return the calibration to reuse: the user's or an earlier one. None if a new one is needed."""
+        """Return the user's or an earlier calibration, or None if the cameras must be calibrated."""
         plan, source, made = self._plan, self._settings.cameras.source, self._plan.output("calibrate")
         if source == "auto" and plan.calibration is not None:
             return plan.calibration

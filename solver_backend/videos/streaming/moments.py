@@ -45,11 +45,11 @@ class PictureSource(Protocol):
         """Connect to the camera. Raise ``MocapError`` if it is not available."""
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield images as they arrive, until the source ends. Their times are 0 at ``start``."""
+        """Yield images as they arrive, until the source ends. ``start`` is time 0 of their clock."""
         ...
 
     def close(self) -> None:
-        """Stop the source. Other threads may call this, and more than once."""
+        """Stop the source. Any thread may call this repeatedly."""
 
 
 SIZE, FPS = (1280, 720), 30.0  # Requested image size and rate of a webcam. The actual ones may differ.
@@ -188,7 +188,7 @@ class LiveView:
         threading.Thread(target=self._detect, name=f"detect {self.source.name}", daemon=True).start()
 
     def begin(self, start: float) -> None:
-        """Start reading images in a thread. Their times are 0 at ``start``."""
+        """Start reading images in a thread. ``start`` is time 0 of their clock."""
         threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
 
     def ask(self, moment: int, picture: LivePicture) -> None:

@@ -29,8 +29,8 @@ _TURNS = 3 * (1 + NUM_BODY_JOINTS)  # Rotation values per pose: rotation vectors
 class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]]):
     """Recording of live cameras. It becomes the capture ``TAKE.npz`` and the motion ``TAKE_live.npz``.
 
-    The capture contains the keypoints at a constant rate. The motion contains the live poses in the same frames, from
-    which a solve can start. Every row includes the current camera poses, because the world may be determined late.
+    The capture contains the keypoints at a constant rate. The motion contains the live poses in the same frames, and a
+    solve can start from them. Every row includes the current camera poses, because the world may be determined late.
     """
 
     pieces: ClassVar[str] = "moments"

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class SquareCrop:
-    """A square crop of an image. Pixels convert by the similarity ``x_picture = A x_crop + b``."""
+    """A square crop of an image. ``x_picture = A x_crop + b`` converts its pixels to image pixels."""
 
     A: np.ndarray
     b: np.ndarray
@@ -66,7 +66,7 @@ class SquareCrop:
 
 
 def direction(start: np.ndarray, end: np.ndarray, least: float) -> tuple[np.ndarray, float]:
-    """Return the unit direction and distance between two pixels (2,). If they are too close, it points up."""
+    """Return the direction and distance from one pixel (2,) to another. If they are too close, the direction is up."""
     length = float(np.hypot(*(end - start)))
     return (end - start) / length if length > least else np.array([0.0, -1.0]), length
 

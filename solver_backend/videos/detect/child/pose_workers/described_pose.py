@@ -125,7 +125,7 @@ class DescribedPose(TopDown):
         self.about = {"name": f"described {path.stem}", "joint_set": described["joint_set"], "people": people}
 
     def points(self, picture: np.ndarray) -> np.ndarray:
-        """Return (K, 3) x, y and confidence from an (h, w, 3) image of the model's input size, 0 to 255."""
+        """Detect keypoints (K, 3) in an (h, w, 3) image of the model's input size, with levels from 0 to 255."""
         told = self.described
         levels = picture[..., ::-1] if told["channels"] == "BGR" else picture
         found = self.run(self.tensor((levels - np.array(told["mean"])) / np.array(told["std"])))

@@ -175,7 +175,7 @@ class LiteRtPose:
         return {"keypoints": np.stack(people) if people else np.zeros((0, NUM_POINTS, 3))}
 
     def _look(self, rgb: np.ndarray, square: SquareCrop, people: list[np.ndarray]) -> None:
-        """Add the person in a square to ``people`` unless already found. Store the square for the next image."""
+        """Add the person in a square to ``people`` if new, and store the square for the next image."""
         points, presence, _, heat, *_ = self._landmarks.run(square.cut(rgb, SIDE, None) / np.float32(255.0))
         if float(presence[0]) < _PRESENT:
             return

@@ -101,7 +101,7 @@ class TopDown(_PoseModel):
     padding = 1.25  # Factor by which a person's box is enlarged.
 
     def points(self, picture: np.ndarray) -> np.ndarray:
-        """Detect keypoints (K, 3), x, y and confidence, in an (h, w, 3) image of the model's input size, 0 to 255."""
+        """Detect keypoints (K, 3) in an (h, w, 3) image of the model's input size, with levels from 0 to 255."""
         raise NotImplementedError
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
@@ -132,7 +132,7 @@ class TopDown(_PoseModel):
 
 
 def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
-    """Decode keypoints (K, 3), x, y and score, from one row of scores per axis.
+    """Decode x, y and score of keypoints (K, 3) from one row of scores per axis.
 
     Reference: Li et al. 2022 (SimCC).
     """
@@ -232,7 +232,7 @@ class _YoloPose(_PoseModel):
 
 
 class _MoveNet(_PoseModel):
-    """Model that outputs keypoints y, x, score as fractions: (1, 1, 17, 3), or (1, 6, 56) for several people."""
+    """Model that outputs 17 keypoints (y, x, score): (1, 1, 17, 3), or (1, 6, 56) for several people."""
 
     label = "MoveNet"
 

@@ -19,7 +19,7 @@ THREADS = int(os.environ.get("POSE_WORKER_THREADS", "1"))  # Number of threads p
 
 
 class Refused(Exception):
-    """Raised if the detector cannot run. Contains an error code, a message and a hint."""
+    """A detector cannot run. The error contains a code, a message and a hint."""
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
         super().__init__(message)
@@ -41,10 +41,7 @@ class PoseDetector(Protocol):
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
-    """Run a detector: answer requests on standard input until it ends. Return the exit code.
-
-    Text that libraries print is redirected to standard error.
-    """
+    """Answer requests on standard input until it ends. Libraries print to standard error. Return the exit code."""
     pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
