@@ -1,1 +1,1 @@
-"""Write a self-contained page about a solve: its quality, frames to check, and settings."""
+"""Write self-contained HTML pages about captures, labelled takes and solves."""

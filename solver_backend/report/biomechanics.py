@@ -22,7 +22,7 @@ _LEAD = (
 
 
 def biomechanics_sections(motion: Motion) -> str:
-    """Show angles and gait if the motion uses the neutral body. For other bodies, return an empty string."""
+    """Write the joint angle and gait sections. Return an empty string for bodies other than the neutral one."""
     body = load_body()
     motion = without_fingers(motion, body)
     if motion.body != body.id or motion.body_layout != SMPL:
@@ -36,7 +36,7 @@ def biomechanics_sections(motion: Motion) -> str:
 
 
 def _support_section(motion: Motion, body: Body) -> str:
-    """Show floor contacts and balance, or return an empty string if the motion is not on the floor z = 0."""
+    """Write the section about floor contacts and balance, if the motion is on the floor z = 0."""
     if (support := find_support(motion, body)) is None:
         return ""
     shares = {part: 100.0 * float((chance > 0.5).mean()) for part, chance in support.probability.items()}

@@ -17,8 +17,8 @@ from solver_backend.report.markup import figure, number, section, text
 from solver_backend.report.plots import WIDTH, draw_line, moments
 from solver_backend.types import Motion
 
-TONES = 4  # Number of shades in which the body is drawn, by the angle between surface and viewer.
-BEHIND_M = 0.03  # Markers this far behind the visible surface, in metres, are on the other side.
+TONES = 4  # Number of shades of the drawn body, by the angle between surface and viewer.
+BEHIND_M = 0.03  # Distance behind the visible surface, in metres, beyond which a marker is on the other side.
 CELL_PX = 1.98  # Size of a raster cell in a drawing, in pixels.
 FAR_M = 2.0  # Height of the body in the drawing without a floor, in metres. Chosen by hand.
 MARGIN_M = 0.1  # Margin around the body in metres. Chosen by hand.
@@ -26,7 +26,7 @@ MARGIN_M = 0.1  # Margin around the body in metres. Chosen by hand.
 
 @dataclass(frozen=True)
 class SurfaceView:
-    """The body seen from one side, as a raster of the surface nearest to the viewer."""
+    """A rendering of the body from the front or from behind, as a raster of the nearest surface."""
 
     title: str
     side: float  # 1 as seen from the front, -1 from behind.
@@ -66,7 +66,7 @@ class SurfaceView:
         return CELL_PX * self.depth.shape[0], CELL_PX * self.depth.shape[1]
 
     def place(self, point: np.ndarray) -> tuple[float, float]:
-        """Return where a point (3,) on the body lies in the drawing."""
+        """Return the position of a point (3,) on the body in the drawing, in pixels."""
         x, y = (point[:2] * [self.side, 1.0] - self.low) * CELL_PX / self.cell_m
         return round(float(x), 1), round(float(self.size_px[0] - y), 1)
 
@@ -79,7 +79,7 @@ class SurfaceView:
         return bool(point[2] * self.side > self.depth[row, column] - BEHIND_M)
 
     def silhouette(self) -> list[str]:
-        """Return the body as one path of horizontal strokes for each shade."""
+        """Return the body as SVG, with one path of horizontal strokes per shade."""
         rows = self.depth.shape[0]
         there = np.isfinite(self.depth)
         level = np.minimum((self.tone * TONES).astype(int), TONES - 1)
@@ -94,14 +94,14 @@ class SurfaceView:
         return paths
 
 
-POSES = 6  # Number of poses drawn. Each equal part of the take provides the one in which hands and feet reach furthest.
+POSES = 6  # Number of drawn poses: from each equal part of the take, the one with the furthest reach of hands and feet.
 POSE_CELL_M = 0.012  # Cell size of their rasters in metres.
 TURNED_DEG = 30.0  # Angle between the viewing direction and the person's mean forward direction.
 CAPTION, MOST_SCALE = 18.0, 1.0  # Height of the captions, and largest scale of the drawings.
 
 
 def poses_section(motion: Motion) -> str:
-    """Draw the solved body and the floor in several frames from the same direction."""
+    """Draw the solved body and the floor in several frames, from one direction."""
     body = load_body()
     if motion.body != body.id or not motion.num_frames:
         return ""
@@ -143,7 +143,7 @@ def poses_section(motion: Motion) -> str:
 
 
 def rest_pose_section(motion: Motion) -> str:
-    """Draw the body in its rest pose, with both the found and the expected marker positions."""
+    """Draw the body in its rest pose, with the estimated and the nominal marker positions."""
     body = load_body()
     if motion.offsets is None or motion.layout is None or motion.marker_labels is None or motion.body != body.id:
         return ""
@@ -164,7 +164,7 @@ def rest_pose_section(motion: Motion) -> str:
 
 
 def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
-    """Return the (M, 3) marker positions (m) on the rest pose, given offsets from the nominal ones."""
+    """Return the (M, 3) marker positions on the rest pose in metres, given (M, 3) offsets from the layout."""
     assert motion.layout is not None
     still = np.broadcast_to(np.eye(3), (1, NUM_BODY_JOINTS, 3, 3))
     landmarks = marker_landmarks(body, motion.layout)

@@ -1,4 +1,4 @@
-"""Write the sections about a single camera and about hands, which include drawings of joints."""
+"""Write the sections about solves from a single camera and about hands."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from solver_backend.report.markup import facts, figure, heat_table, section, tex
 from solver_backend.report.plots import WIDTH, Projection, draw_line, moments, strip_plot
 from solver_backend.types import Capture, Motion
 
-MOMENTS = 4  # Number of frames drawn. Each equal part of the take provides the one whose depth is most uncertain.
+MOMENTS = 4  # Number of drawn frames: from each equal part of the take, the one with the most uncertain depth.
 ROW, MARGIN, CAPTION = 230.0, 8.0, 20.0
 """Height of a row of drawings, margin, and height of the line of text above the row, in drawing units."""
 ELLIPSE = 5.991**0.5
-"""Standard deviations of an ellipse that covers 95 % of a 2D normal distribution (chi square, 2 degrees of freedom)."""
-OPEN_CODES = ("limb_depth_open",)  # Diagnostics which state that a limb's depth is ambiguous.
+"""Size of an ellipse that covers 95 % of a 2D normal distribution, in standard deviations (chi square, 2 degrees of
+freedom)."""
+OPEN_CODES = ("limb_depth_open",)  # Diagnostics about limbs with an ambiguous depth.
 TRUNK = "pelvis"
 _LEAD = (
     "Ellipses are 95 % confidence regions, coloured for hands, feet and head, and grey for the pelvis. The pelvis "
@@ -38,7 +39,7 @@ def _ellipse(view: Projection, centre: np.ndarray, covariance: np.ndarray, kind:
 
 
 def one_view_section(capture: Capture, motion: Motion) -> str:
-    """Draw the camera's view and a side view, and list the frames in which the depth of a limb is ambiguous."""
+    """Draw the body from the camera and from the side, and show when the depth of a limb is ambiguous."""
     if not capture.is_one_view or capture.cameras is None or motion.joint_covariance is None:
         return ""
     assert capture.keypoints is not None
@@ -56,7 +57,7 @@ def one_view_section(capture: Capture, motion: Motion) -> str:
 
 
 def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
-    """For each limb, return the (F,) mask of the frames in which its depth was reported as ambiguous."""
+    """Return, for each limb, the (F,) mask of frames with an ambiguous depth."""
     found = {part: np.zeros(motion.num_frames, dtype=bool) for part in LIMB_ENDS.values()}
     for item in recorded_diagnostics(motion):
         part = item.values.get("part")
@@ -110,7 +111,7 @@ def _axes(sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and upper bounds of a person including the ellipses along each axis, in metres."""
+    """Return the (2,) bounds of a person, including confidence ellipses, in a projection in metres."""
     flat, reach = points @ axes.T, ELLIPSE * np.sqrt(np.einsum("ka,jab,kb->jk", axes, covariance, axes))
     return (flat - reach).min(axis=0), (flat + reach).max(axis=0)
 
@@ -141,15 +142,15 @@ def _limb_of(joint: str) -> str:
 
 HAND_MOMENTS = 3  # Number of frames in which the hands are drawn.
 _JOINTS = 3  # Number of joints per finger in a motion.
-_FIST_DEG = 180.0  # Sum of knuckle and middle joint flexion in a full curl. In a fist, each is 90°.
+_FIST_DEG = 180.0  # Flexion of knuckle plus middle joint in a full curl. In a fist, each is 90°.
 _SURE_MM, _UNSURE_MM = 3.0, 20.0
-"""Standard deviations (mm) of finger joints at which the tint of a table cell starts and at which it is full."""
+"""Standard deviations of finger joints in mm that give a table cell no tint and full tint."""
 _SIZE, _SPAN_M = 150.0, 0.24
 """Size of a hand's drawing in drawing units, and of the area it covers in metres. A long hand measures 0.21."""
 
 
 def hands_section(motion: Motion) -> str:
-    """Show the state, flexion and curl of each finger over time, and drawings of the hands."""
+    """Show how often each finger is visible, its flexion and its curl over time, and draw the hands."""
     names = motion.body_layout.joints
     if not all(f"{side}_{finger}{k + 1}" in names for side in SIDES for finger in FINGERS for k in range(_JOINTS)):
         return ""
@@ -178,7 +179,7 @@ def hands_section(motion: Motion) -> str:
 
 
 def _bends_deg(wrists: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return the (F, 2, 5, 2) finger flexion in degrees from the wrists and finger joints."""
+    """Return the (F, 2, 5, 2) flexion of knuckles and middle joints in degrees, by hand and finger."""
     start = np.broadcast_to(wrists[:, :, None, None], (*joints.shape[:3], 1, 3))
     bones = np.diff(np.concatenate([start, joints], axis=3), axis=3)
     before, after = bones[..., :-1, :], bones[..., 1:, :]
@@ -225,7 +226,7 @@ def _rows(motion: Motion) -> list[tuple[str, object]]:
 
 
 def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.ndarray) -> str:
-    """Draw both hands as SVG, from the back and from the side, in the frames where they are most certain."""
+    """Draw both hands from the back and from the side, in the frames with the most visible fingers."""
     frames = moments(seen.sum(axis=(1, 2)), HAND_MOMENTS)
     drawn = []
     for row, frame in enumerate(frames):
@@ -251,7 +252,7 @@ def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
 
 
 def _hand(chains: np.ndarray, left: float, top: float, style: str, seen: np.ndarray) -> list[str]:
-    """Return the lines of a hand, given its (5, 4, 2) chains. Fingers at rest are faint."""
+    """Draw a hand's (5, 4, 2) finger chains as SVG lines. Fingers at rest are faint."""
     scale = _SIZE / _SPAN_M
     parts = []
     for finger, chain in enumerate(chains):

@@ -1,4 +1,4 @@
-"""Write a page about a capture before it is solved: cameras, person, floor and corrections."""
+"""Write a page about a capture before the solve: cameras, person, floor and corrections."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool 
 
 
 def capture_html(capture: Capture) -> str:
-    """Return the page about a capture as HTML."""
+    """Return the report page about a capture as HTML."""
     rows = np.unique(np.linspace(0, capture.num_frames - 1, min(capture.num_frames, MOST_FRAMES)).astype(int))
     views = _shared_views(capture, rows)
     found = by_gravity(capture_diagnostics(capture))
@@ -53,7 +53,11 @@ class _SharedViews(NamedTuple):
 
 
 def _shared_views(capture: Capture, rows: np.ndarray) -> _SharedViews | None:
-    """Return the points (N, K, 3), and the (C, N, K) detections, inliers and residuals in pixels."""
+    """Triangulate the given frames (N,) of a capture.
+
+    Returns:
+        Points (N, K, 3), and the (C, N, K) detections, inliers and residuals in pixels, or None for a single view.
+    """
     if (several := capture.several_views) is None:
         return None
     cameras, keypoints = several[0], several[1].at(rows)

@@ -34,9 +34,8 @@ DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
 STEADY = 0.3  # Smallest fraction of the change that the median speed must explain in a drift. Steps are sudden.
 _LEAST_STANCES = 0.1  # Smallest fraction of frames in which a foot stands still on the ground, for stances to count.
 SKATING_CM_S, _SLIDING_HZ = 15.0, 30.0
-"""Speed (cm/s) above which feet on the floor are skating, and sampling rate (Hz), which suppresses the noise in fast
-recordings.
-"""
+"""Largest speed (cm/s) of feet on the floor that do not skate, and sampling rate (Hz) that suppresses noise in fast
+recordings."""
 _ON_FLOOR_SHARE = 0.02  # Fraction of frames in which the feet are lowest. These determine the floor.
 
 
@@ -63,13 +62,13 @@ def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
 
 
 def joints_of(motion: Motion, *names: str) -> np.ndarray | None:
-    """Return the (F, N, 3) positions of the named joints, or None if the motion's body does not have them all."""
+    """Return the (F, N, 3) positions of the named joints, or None if the body lacks any of them."""
     known = motion.body_layout.joints
     return motion.joints[:, [known.index(name) for name in names]] if set(names) <= set(known) else None
 
 
 def rests(motion: Motion, *names: str) -> bool:
-    """Return whether any of these joints is at rest in any frame."""
+    """Return whether any of these joints has no data and is shown at rest in some frame."""
     columns = [motion.body_layout.joints.index(name) for name in names]
     return motion.resting is not None and bool(motion.resting[:, columns].any())
 
@@ -104,17 +103,17 @@ FAR_MM, CENTRES_FAR_MM = 10.0, 30.0
 ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
 """Suspicious values: median residual (mm) of a single marker, residual (mm) in some frames, and duration (s) of those
 frames. In 60 recordings, good markers have medians up to 19, and exceed 50 for at most 0.24 s."""
-STANDS_OUT = 2.0  # Ratio to the residual of the others above which a marker or a camera is reported.
+STANDS_OUT = 2.0  # Largest ratio of a marker's or camera's residual to the others' without a warning.
 _WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
 _HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])
 HIPS_STILL_M, HIPS_BESIDE_M = 2e-4, 0.1
 """Largest movement of the hip centre if positions are relative to it (caused by rounding in files), and smallest
 movement of another point in that case, both in metres."""
-USELESS = 5.0  # Factor on these limits above which a result is useless.
+USELESS = 5.0  # Multiple of these limits that makes a result useless.
 
 
 def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield diagnostics if all markers or single markers are too far from the body."""
+    """Yield diagnostics if all markers, or single markers, are too far from the solved body."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None or not isinstance(motion.provenance.get("markers"), list):
         return
@@ -128,7 +127,7 @@ def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
 
 
 def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
-    """Yield a diagnostic if only labels tell which side a single limb belongs to."""
+    """Yield a diagnostic if only the marker labels show the side of a single limb."""
     named = [place for place in places if place[:1] in ("L", "R") and not is_joint_centre(place)]
     if len(named) < len(places) or not of_one_limb(named, load_layouts()):
         return
@@ -139,7 +138,7 @@ def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
 
 
 def useless(is_useless: bool) -> Severity:
-    """Return the severity of an error, which rejects the result, or else of a warning."""
+    """Return error severity for a useless result, which is rejected, and warning severity otherwise."""
     return Severity.ERROR if is_useless else Severity.WARNING
 
 
@@ -150,7 +149,7 @@ def centres_of(motion: Motion) -> bool:
 
 
 def hips_never_move(capture: Capture, motion: Motion) -> bool:
-    """Return whether the centre of the pelvis or hips is constant in all frames while other points move."""
+    """Return whether the centre of the hips never moves, although other points do."""
     cloud = capture.markers
     if cloud is None or cloud.labels is None or motion.marker_labels is None or motion.layout is None:
         return False
@@ -169,7 +168,7 @@ def hips_never_move(capture: Capture, motion: Motion) -> bool:
 
 
 def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnostic]:
-    """Yield diagnostics about markers that are always or temporarily far from their expected positions.
+    """Yield diagnostics about markers that are always or sometimes far from their positions on the body.
 
     Args:
         usual: median residual of the take in millimetres.
@@ -224,7 +223,7 @@ def _stature(motion: Motion) -> Iterator[Diagnostic]:
 
 @dataclass(frozen=True)
 class ViewAgreement:
-    """Views that show the person where the body is."""
+    """Masks of the views that show the person at the position of the solved body."""
 
     counted: np.ndarray  # (C, F) mask of views that show the person, or somebody else where the person should be.
     agrees: np.ndarray  # (C, F) mask of views that show the person.
@@ -236,16 +235,16 @@ class ViewAgreement:
 
     @property
     def views(self) -> float:
-        """Mean number of agreeing views, over the frames that show a person."""
+        """Mean number of agreeing views per frame that shows a person."""
         return float(self.agrees.sum() / max(1, self.counted.any(0).sum()))
 
 
 def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
-    """For each frame, return the views that agree with the body.
+    """Find the views that agree with the solved body in each frame.
 
     A view that shows other people counts against the person only if they are where the person should be, at least two
-    views show the person, and no view shows both. People who come and go or who occlude the person do not count.
-    Neither do interpolated frames or views that the user excluded.
+    views show the person, and no view shows both. People who enter, leave or occlude the person do not count.
+    Interpolated frames and views that the user excluded do not count either.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)
@@ -271,7 +270,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
 
 
 def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
-    """Return the body's (C, F, K, 2) projected keypoints, or the detections if the motion has no keypoints."""
+    """Return the body's projected keypoints (C, F, K, 2), or the detections if the motion has no keypoints."""
     assert capture.cameras is not None and capture.keypoints is not None
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
@@ -279,14 +278,14 @@ def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
 
 
 def _middles(px: np.ndarray) -> np.ndarray:
-    """Return the (C, F, 2) centroids of the known points among (C, F, K, 2) pixels, NaN if there are none."""
+    """Return the (C, F, 2) centroids of the known points in (C, F, K, 2) pixels, NaN if none is known."""
     known = np.isfinite(px).all(-1, keepdims=True)
     count = known.sum(-2)
     return np.where(count > 0, np.where(known, px, 0.0).sum(-2) / np.maximum(count, 1), np.nan)
 
 
 def _extents(px: np.ndarray) -> np.ndarray:
-    """Return the (C, F) diagonals of the boxes around (C, F, K, 2) pixels, NaN if too few are known."""
+    """Return the (C, F) diagonals of the boxes around (C, F, K, 2) pixels, NaN if too few points are known."""
     known = np.isfinite(px)
     size = np.where(known, px, -np.inf).max(-2) - np.where(known, px, np.inf).min(-2)
     return np.where(known.all(-1).sum(-1) >= MIN_POINTS, np.hypot(size[..., 0], size[..., 1]), np.nan)
@@ -319,7 +318,7 @@ _STANCE = JointSet.COCO_17
 
 
 def _tilt(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield a diagnostic if a person's stance, judged by trunk, balance and feet, is tilted relative to Z."""
+    """Yield a diagnostic if a person's stance, judged by trunk, balance and feet, is tilted from Z."""
     limbs = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     names = [f"{side}_{limb}" for limb in limbs for side in ("left", "right")]
     joints = joints_of(motion, *names)
@@ -389,7 +388,7 @@ SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics that the capture's reader raised."""
+    """Return the diagnostics that were raised while the capture was read."""
     return (*capture.notes, *capture.problems)
 
 
@@ -399,10 +398,10 @@ def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:
 
 
 def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return each diagnostic once, with errors and warnings before notes.
+    """Sort diagnostics by severity, most severe first, and remove duplicates.
 
-    Two diagnostics are equal if their codes, names and named values are equal. When figures are computed again, they
-    differ in the last digit.
+    Two diagnostics are duplicates if their codes, names and named values are equal. Their figures may differ in the
+    last digit, because they are computed again.
     """
     first: dict[object, Diagnostic] = {}
     for item in found:
@@ -469,7 +468,7 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
 
 
 def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
-    """Yield the diagnostics of all checks. ``residuals`` is None if there are no detections."""
+    """Yield the diagnostics of all checks of a solve. ``residuals`` is None if there are no detections."""
     yield from check_motion(motion)
     yield from _flagged(capture, motion)
     yield from _stature(motion)
@@ -489,7 +488,7 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
 
 
 def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
-    """Return all diagnostics, most severe first. If the motion stores them, return those.
+    """Return all diagnostics of a capture and its solve, most severe first.
 
     Args:
         residuals: residuals of the motion in the capture. They are computed if None.

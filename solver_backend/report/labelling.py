@@ -1,4 +1,4 @@
-"""Write the page about a labelled take: fraction and confidence of labels, and ranges to check."""
+"""Write the page about a labelled take: share and confidence of labels, and frame ranges to check."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MOST_LISTED = 60  # Maximum number of frame ranges in the table.
 
 
 def labelling_html(name: str, take: LabelledTake, fps: float) -> str:
-    """Return the page as HTML."""
+    """Return the report page about a labelled take as HTML."""
     there = np.isfinite(take.confidence)
     labels = take.labels[there]
     named = (labels >= 0) & (labels < GHOST)
@@ -57,7 +57,7 @@ def _by_marker(take: LabelledTake) -> str:
 
 
 def _stretches(take: LabelledTake, fps: float) -> str:
-    """List the least certain label ranges. Unknown ranges come first, the longest one at the top."""
+    """List the least certain labels of track segments, the longest and least certain first."""
     t = take.tracklets
     length = t.last - t.first + 1
     doubt = (1.0 - np.nan_to_num(take.stretch_confidence)) * length

@@ -12,7 +12,7 @@ from solver_backend.exchange.plain_text import plain
 
 
 def text(value: object) -> str:
-    """Return any value as text that is safe to insert into HTML."""
+    """Convert a value to text that is safe to insert into HTML."""
     return escape(plain(str(value), keep="\n\t"))
 
 
@@ -22,7 +22,7 @@ def number(value: float, digits: int = 1) -> str:
 
 
 def section(title: str, body: str, lead: str = "", identifier: str = "") -> str:
-    """Return a section with a heading and an introductory sentence."""
+    """Return a section of a page as HTML, with a heading and an introduction."""
     lead_html = f'<p class="lead">{lead}</p>' if lead else ""
     return f'<section id="{text(identifier)}"><h2>{text(title)}</h2>{lead_html}{body}</section>'
 
@@ -35,7 +35,7 @@ def figure(kind: str, width: float, height: float, parts: Iterable[str]) -> str:
 
 @dataclass(frozen=True)
 class Tile:
-    """A key figure."""
+    """A key figure at the top of a page."""
 
     label: str
     value: str
@@ -45,7 +45,7 @@ class Tile:
 
 
 def tiles(items: Iterable[Tile]) -> str:
-    """Return key figures arranged side by side."""
+    """Return key figures as HTML, side by side."""
     cells = (
         f'<div class="tile {item.level}"><div class="label">{text(item.label)}</div>'
         f'<div class="value">{text(item.value)}<span class="unit"> {text(item.unit)}</span></div>'
@@ -56,7 +56,7 @@ def tiles(items: Iterable[Tile]) -> str:
 
 
 def facts(rows: Iterable[tuple[str, object]]) -> str:
-    """Return a table of names and values in two columns."""
+    """Return names and values as an HTML table with two columns."""
     body = "".join(f"<tr><th>{text(name)}</th><td>{text(value)}</td></tr>" for name, value in rows)
     return f'<table class="facts">{body}</table>'
 
@@ -71,7 +71,7 @@ def heat_table(
     digits: int = 1,
     total: bool = False,
 ) -> str:
-    """Return a table whose cells are tinted.
+    """Return numbers as an HTML table with tinted cells.
 
     Args:
         values: (R, C) numbers. NaN is shown as a dash.
@@ -92,7 +92,7 @@ def heat_table(
 
 
 def tints(errors: np.ndarray, usual: float) -> np.ndarray:
-    """Return tints for errors by their ratio to the usual error, from 0 at half of it to 1 at twice."""
+    """Return a tint for each error: 0 up to half the usual error, and 1 from twice the usual error."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.clip(0.5 + 0.5 * np.log2(errors / usual), 0.0, 1.0)
 

@@ -1,4 +1,4 @@
-"""Write the whole page: head, key figures and sections."""
+"""Write the report page of a solve: key figures and sections."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def write_report(
     *,
     overwrite: bool = False,
 ) -> Path:
-    """Write a self-contained HTML page about a solve. If an error occurs, no partial file is left."""
+    """Write a self-contained HTML page about a solve, completely or not at all."""
     return write_text(path, report_html(capture, motion, calibration), overwrite=overwrite)
 
 
 def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None = None) -> str:
-    """Return the page about a solve. It includes the fit of the cameras if that was checked.
+    """Return the report page of a solve as HTML, including the check of the cameras if there was one.
 
     Raises:
         MotionInvalid: the motion does not belong to the capture.
@@ -75,7 +75,7 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
 
 
 def page_of(title: str, subtitle: str, body: str) -> str:
-    """Return a complete page from HTML parts."""
+    """Combine HTML parts to a complete page."""
     style, script = _part("page.css"), _part("page.js")
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -88,9 +88,9 @@ def page_of(title: str, subtitle: str, body: str) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """Return a content policy that allows only the page's own style and script, and no requests.
+    """Return a Content Security Policy that allows only the page's own style and script, and no requests.
 
-    Inline ``style`` attributes store the fractions of coloured cells, which a hash cannot allow.
+    Inline ``style`` attributes store the tints of table cells, which a hash cannot allow.
     """
     hashes = [b64encode(sha256(part.encode()).digest()).decode() for part in (style, script)]
     return (
@@ -104,7 +104,7 @@ def _part(name: str) -> str:
 
 
 def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> list[Tile]:
-    """Return the key figures at the top of the page."""
+    """Return the key figures at the top of a solve's report page."""
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
     unsure, unseen = (int(np.count_nonzero(flags & bit)) for bit in (FLAG_UNSURE, FLAG_UNSEEN))
     found = []

@@ -1,4 +1,4 @@
-"""Draw the page's figures as inline SVG: curves, strips, the floor plan and a view of the space."""
+"""Draw figures as inline SVG: curves, strips, the floor plan and a 3D view of the scene."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from solver_backend.types import Cameras, JointSet
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960.0, 46.0, 8.0, 8.0, 22.0
 MAX_POINTS = 1200
-"""Maximum number of points per line. For longer takes, the lowest and highest values of each block are drawn."""
+"""Maximum number of points per curve. Longer curves show the lowest and highest value of each block of frames."""
 MAX_READABLE = 6000
-"""Maximum number of frames in a plot that includes its values, which are shown under the pointer."""
+"""Maximum number of frames in a plot that shows the values under the pointer."""
 
 
 @dataclass(frozen=True)
 class PlotCurve:
-    """A curve in a plot."""
+    """A curve in a plot over time."""
 
     values: np.ndarray  # (F,) numbers. NaN interrupts the curve.
     label: str
@@ -30,7 +30,7 @@ class PlotCurve:
 
 @dataclass(frozen=True)
 class Shade:
-    """A frame range that should be checked."""
+    """A frame range that a plot shades because it should be checked."""
 
     first: int
     last: int
@@ -48,7 +48,13 @@ def time_plot(
     marks: np.ndarray | None = None,
     from_zero: bool = False,
 ) -> str:
-    """Plot curves over time in seconds, with shaded ranges behind them and tick marks (keyframes) below."""
+    """Plot curves over time in seconds.
+
+    Args:
+        shades: frame ranges to shade behind the curves.
+        marks: frames with a tick below the curves, such as keyframes.
+        from_zero: start the vertical axis at 0.
+    """
     (width, height), frames = size, len(lines[0].values)
     low, high, steps = _vertical_axis(lines, from_zero)
     x = _Scale(0.0, max(frames - 1, 1), LEFT, width - RIGHT)
@@ -122,7 +128,10 @@ def _shade(shade: Shade, x: _Scale, height: float) -> str:
 
 
 def thinned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frame numbers and values to draw: all of them, or the lowest and highest of each block."""
+    """Return the frame numbers and values of a curve to draw, at most ``MAX_POINTS``.
+
+    Of long curves, the lowest and highest value of each block of frames is drawn.
+    """
     frames = np.arange(len(values))
     if len(values) <= MAX_POINTS:
         return frames, values
@@ -151,7 +160,7 @@ def _path(values: np.ndarray, x: _Scale, y: _Scale) -> str:
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return (first, stop, tenths) for each run of equal tint. Long takes are first averaged over cells."""
+    """Return (first, stop, tint in tenths) for each run of equal tint. Long takes are averaged over blocks."""
     size = max(1, int(np.ceil(len(values) / MAX_POINTS)))
     starts = np.arange(0, len(values), size)
     tenths = np.array([round(10 * float(np.mean(values[s : s + size]))) for s in starts])
@@ -163,7 +172,7 @@ def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
 def _reading(
     lines: Sequence[PlotCurve], fps: float, unit: str, digits: int, width: float, left: float = LEFT
 ) -> dict[str, object]:
-    """Return the data needed to show values under the pointer."""
+    """Return the curve values that the page's script shows under the pointer."""
     frames = len(lines[0].values)
     data: dict[str, object] = {"frames": frames, "fps": fps, "unit": unit, "left": left, "right": width - RIGHT}
     if frames <= MAX_READABLE:
@@ -182,11 +191,11 @@ def _figure(parts: list[str], width: float, height: float, reading: dict[str, ob
 
 SIZE = 420.0  # Width and height of the plan in CSS pixels. Chosen by hand.
 PLAN_MARGIN = 34.0  # Margin around the drawing in CSS pixels. Chosen by hand.
-Place = Callable[[np.ndarray], tuple[float, float]]  # Maps metres in the world to the drawing.
+Place = Callable[[np.ndarray], tuple[float, float]]  # Maps positions in the world in metres to the drawing.
 
 
 def plan(cameras: Cameras | None, way: np.ndarray) -> str:
-    """Draw a floor plan as SVG, with a one-metre grid, world +Y up, and the person's (N, 2) path."""
+    """Draw a floor plan as SVG, with a grid, the cameras and the person's (N, 2) path. World +Y is up."""
     centres = np.empty((0, 2)) if cameras is None else cameras.centres[:, :2]
     everything = np.concatenate([way, centres, way.mean(axis=0) + [[-1.0, -1.0], [1.0, 1.0]]])
     middle = (everything.min(axis=0) + everything.max(axis=0)) / 2
@@ -209,18 +218,18 @@ def plan(cameras: Cameras | None, way: np.ndarray) -> str:
 
 
 def draw_line(kind: str, a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray, style: str = "") -> str:
-    """Return a line between two positions in the drawing. ``kind`` is a class in the style sheet."""
+    """Return an SVG line between two positions in the drawing. ``kind`` is a class in the style sheet."""
     return f'<line class="{kind}" x1="{a[0]:.1f}" y1="{a[1]:.1f}" x2="{b[0]:.1f}" y2="{b[1]:.1f}"{style}/>'
 
 
 def moments(worth: np.ndarray, count: int) -> list[int]:
-    """Split a take into equal parts and return the frame with the largest of the (F,) values in each."""
+    """Split a take into equal parts, and return the frame with the largest of the (F,) values in each."""
     parts = [part for part in np.array_split(np.arange(len(worth)), count) if len(part)]
     return [int(part[worth[part].argmax()]) for part in parts]
 
 
 def _grid(low: np.ndarray, high: np.ndarray, at: Place) -> tuple[list[str], float]:
-    """Return grid lines for the floor between two corners (2,), and their spacing."""
+    """Return SVG grid lines on the floor between two corners (2,), and their spacing in metres."""
     span = float((high - low).max())
     step = 1.0 if span <= 14 else nice_steps(0.0, span, 8)[1]
     parts = []
@@ -248,7 +257,7 @@ def _draw_wedge(cameras: Cameras, c: int, length: float, at: Place) -> str:
 SPACE_WIDTH, TALLEST, SPACE_MARGIN = 860.0, 560.0, 30.0
 TURN_DEG, DOWN_DEG = 25.0, 22.0
 """Viewing direction: rotation away from world +Y, and angle downwards."""
-MOMENTS = 3  # Number of frames in which the person is drawn.
+MOMENTS = 3  # Number of frames that show the person.
 _CHAINS = (("shoulder", "elbow", "wrist"), ("shoulder", "hip", "knee", "ankle", "big_toe"))
 _BONES = tuple((f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for chain in _CHAINS for a, b in pairwise(chain))
 _BONES += (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
@@ -258,7 +267,7 @@ def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointS
     """Draw cameras and (F, P, 3) points as SVG in a parallel projection.
 
     Args:
-        joint_set: joint set of the points, whose bones are drawn. None for markers.
+        joint_set: joint set of the points, for drawing bones. None for markers.
     """
     known = points[np.isfinite(points).all(-1)]
     centres = np.empty((0, 3)) if cameras is None else cameras.centres
@@ -295,12 +304,12 @@ class Projection:
         return self.centre + (np.asarray(points) @ self.axes.T - self.middle) * self.scale * [1.0, -1.0]
 
     def line(self, kind: str, a: np.ndarray, b: np.ndarray, style: str = "") -> str:
-        """Return a line between two points (3,). ``kind`` is a class in the style sheet."""
+        """Return an SVG line between two points (3,) in metres. ``kind`` is a class in the style sheet."""
         return draw_line(kind, self(a), self(b), style)
 
 
 def _space_projection(everything: np.ndarray) -> tuple[Projection, float]:
-    """Return a projection in which all points are visible, and the height of its drawing."""
+    """Return a projection that shows all points, and the height of its drawing."""
     turn, down = np.radians([TURN_DEG, DOWN_DEG])
     right = np.array([np.cos(turn), np.sin(turn), 0.0])
     up = np.array([-np.sin(turn) * np.sin(down), np.cos(turn) * np.sin(down), np.cos(down)])

@@ -1,4 +1,4 @@
-"""Write the page's sections. Each function writes one section, which is empty if there is no data for it."""
+"""Write the sections of a solve's report. Functions return an empty string if there is no data."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ SHADES_KEY = (
 
 
 def far_from(motion: Motion) -> str:
-    """Return text that explains what an unsure frame means."""
+    """Return the meaning of an unsure frame, as words in a legend."""
     return "far from the detections" if motion.markers is None else "far from the markers"
 
 
 def why_interpolated(motion: Motion) -> str:
-    """Return text that explains why frames were interpolated."""
+    """Return the reason why frames were interpolated, as words in a legend."""
     if motion.markers is not None:
         return "too few visible markers"
     is_one = motion.reprojection_px is not None and len(motion.reprojection_px) == 1
@@ -39,12 +39,12 @@ def why_interpolated(motion: Motion) -> str:
 
 
 def shades_key(motion: Motion) -> str:
-    """Return the legend for shaded plots."""
+    """Return the legend of plots with shaded frame ranges as HTML."""
     return SHADES_KEY.format(far=far_from(motion), interpolated=why_interpolated(motion))
 
 
 def shades_of(motion: Motion) -> list[Shade]:
-    """Return the frame ranges of a motion that are flagged."""
+    """Return the flagged frame ranges of a motion for shading in plots."""
     if motion.flags is None:
         return []
     kinds = ((FLAG_UNSURE, "unsure", f"{far_from(motion)} or very uncertain"), (FLAG_UNSEEN, "unseen", "interpolated"))
@@ -56,7 +56,7 @@ def shades_of(motion: Motion) -> list[Shade]:
 
 
 def diagnostics_section(found: Sequence[Diagnostic], fps: float) -> str:
-    """Show the warnings and notes."""
+    """List the warnings and notes of a capture or solve."""
     good = '<li class="good">OK: there are no warnings.</li>'
     warnings = "".join(_item(item, "bad", fps) for item in warnings_in(found))
     notes = "".join(_item(item, "note", fps) for item in notes_in(found))
@@ -103,7 +103,7 @@ def _with_margins(inner: np.ndarray, rows: np.ndarray, columns: np.ndarray, tota
 
 
 def missing_section(capture: Capture, motion: Motion) -> str:
-    """Show how much each camera detects in each frame."""
+    """Show the share of keypoints that each camera detects over time."""
     seen, located = detected_share(capture), located_share(capture)
     if seen is None or located is None:
         return ""
@@ -117,7 +117,7 @@ def missing_section(capture: Capture, motion: Motion) -> str:
 
 
 def residual_sections(motion: Motion, residuals: KeypointResiduals | None) -> str:
-    """Plot the residuals of detections and markers over time, including flagged frames and keyframes."""
+    """Plot the residuals of detections and markers over time, with flagged frames and keyframes."""
     shown = ""
     if residuals is not None:
         curves = residuals.by_frame(0.5), residuals.by_frame(0.9)
@@ -254,7 +254,7 @@ def provenance_section(capture: Capture, motion: Motion) -> str:
 
 
 def marker_section(motion: Motion) -> str:
-    """Show each marker's residual and the percentage of frames in which it is visible."""
+    """Show each marker's residual and the percentage of frames that show it."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None:
         return ""
@@ -290,7 +290,7 @@ def _shares(motion: Motion, seen: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def gaps_section(motion: Motion) -> str:
-    """Show how many markers are missing in each frame."""
+    """Show when each marker is missing."""
     if motion.marker_residual_mm is None or motion.marker_labels is None:
         return ""
     seen = np.isfinite(motion.marker_residual_mm)
@@ -302,7 +302,7 @@ def gaps_section(motion: Motion) -> str:
 
 
 def props_section(motion: Motion) -> str:
-    """Plot the deviations of each prop over time, and show how often its markers are visible."""
+    """Plot each prop's standard deviations over time, and show how often its markers are visible."""
     lead = (
         "Props are objects with markers that are not on the person. They are solved as rigid bodies. The curves "
         "are the standard deviations of the origin and of the rotation about the least certain axis."
@@ -322,7 +322,7 @@ def props_section(motion: Motion) -> str:
 
 
 def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
-    """Show how well the cameras fit, or nothing if that was not checked."""
+    """Show how well the calibration fits the take, if it was checked."""
     if fit is None or capture.cameras is None:
         return ""
     names = capture.cameras.names

@@ -1,4 +1,4 @@
-"""Compute the figures on the page: residuals and fractions of detections."""
+"""Compute a report's figures: residuals and shares of detections."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solver_backend.metrics import reprojection_px
 from solver_backend.types import Capture, Motion
 
 RAYLEIGH_MEDIAN = 1.1774
-"""Median length of a 2D error whose coordinates have a standard deviation of 1: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
+"""Median length of 2D errors with a standard deviation of 1 per axis: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
 
 
 @dataclass(frozen=True)
@@ -25,25 +25,25 @@ class KeypointResiduals:
 
     @property
     def by_camera_and_keypoint(self) -> np.ndarray:
-        """(K, C) medians over the frames, in pixels."""
+        """(K, C) median distances over the frames, in pixels."""
         return quantile(self.error_px, 0.5, axis=1).T
 
     @property
     def by_camera(self) -> np.ndarray:
-        """(C,) medians in pixels."""
+        """(C,) median distances in pixels."""
         return quantile(self.error_px.reshape(len(self.error_px), -1), 0.5, axis=1)
 
     @property
     def by_keypoint(self) -> np.ndarray:
-        """(K,) medians in pixels."""
+        """(K,) median distances in pixels."""
         return quantile(self.error_px.reshape(-1, self.error_px.shape[-1]), 0.5, axis=0)
 
     def by_frame(self, q: float) -> np.ndarray:
-        """Return the (F,) quantiles over cameras and keypoints, in pixels."""
+        """Return the (F,) quantiles of the distances over cameras and keypoints, in pixels."""
         return quantile(np.moveaxis(self.error_px, 1, 0).reshape(self.error_px.shape[1], -1), q, axis=1)
 
     def agreement_percent(self, axis: int | tuple[int, ...]) -> np.ndarray:
-        """Return the percentage of detections within the limit, computed over the given axes."""
+        """Return the percentage of detections within the outlier limit, computed over the given axes."""
         return share(self.error_px <= self.limit_px, np.isfinite(self.error_px), axis)
 
     @property
@@ -53,7 +53,7 @@ class KeypointResiduals:
 
 
 def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
-    """Return the residuals of a solve, or None if there are no detections in images.
+    """Return the keypoint residuals of a solve, or None without detections in images.
 
     Raises:
         MotionInvalid: motion and capture differ in their frames, views or keypoints.
@@ -90,13 +90,13 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
 
 
 def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
-    """Return the percentage of cases in ``of`` that are also in ``yes``, or NaN if there are no cases."""
+    """Return the percentage of true elements in ``of`` that are also true in ``yes``, NaN if there are none."""
     total = np.asarray(of.sum(axis=axis))
     return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
 
 
 def detected_share(capture: Capture) -> np.ndarray | None:
-    """Return the (C, F) fraction of keypoints that each camera detects in each frame, 0 to 1."""
+    """Return the (C, F) fraction of keypoints that each camera detects, from 0 to 1."""
     return None if capture.keypoints is None else (capture.keypoints.confidence > 0).mean(axis=-1)
 
 
@@ -106,5 +106,5 @@ def located_share(capture: Capture) -> np.ndarray | None:
 
 
 def seen_by_views(capture: Capture) -> str:
-    """Return the name under which the report shows ``located_share``."""
+    """Return the label of the key figure that shows ``located_share``."""
     return "Seen by the camera" if capture.least_views == 1 else "Seen by two or more"
