@@ -1,1 +1,1 @@
-"""Locate retro-reflective markers with infrared and depth sensors (thesis 5.3.2)."""
+"""Locate retro-reflective markers with infrared depth sensors (thesis 5.3.2)."""

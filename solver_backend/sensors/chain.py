@@ -1,4 +1,4 @@
-"""Compute a point cloud from sensors, either live with one process per sensor or from a recording folder."""
+"""Compute marker clouds from sensors, either live with one process per sensor or from a recording."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTrack
 from solver_backend.types import Cameras, Capture, MarkerCloud
 from solver_backend.videos.sync.clocks import Clocks
 
-KEPT = 4096  # Number of recent latencies from which statistics are computed.
+KEPT = 4096  # Number of recent latencies that the statistics include.
 
 
 @dataclass
 class ChainStatistics:
-    """Statistics about moments. They take constant memory."""
+    """Running statistics about fused frames, in constant memory. A moment is one frame of every sensor."""
 
     moments: int = 0
     points: int = 0
@@ -45,7 +45,7 @@ class ChainStatistics:
     _last_s: float = 0.0
 
     def add(self, latency_s: float, points: int, now: float) -> None:
-        """Add a moment to the statistics."""
+        """Add a moment with its latency and number of points, fused at host time ``now``."""
         if not self.moments:
             self._first_s = now
         self.moments += 1
@@ -70,7 +70,7 @@ RETRY_S = 1.0  # Seconds between attempts to open a lost sensor.
 
 @dataclass(frozen=True)
 class SensorTask:
-    """Instructions for a sensor's process. They can be pickled."""
+    """Picklable instructions for the process of one sensor."""
 
     device: Device
     cameras: Cameras
@@ -82,7 +82,7 @@ class SensorTask:
 
 @dataclass(frozen=True)
 class SensorEnd:
-    """Result of a sensor's process."""
+    """Number of frames and processor time of a sensor's process that has ended."""
 
     frames: int
     cpu_s: float
@@ -91,9 +91,9 @@ class SensorEnd:
 
 
 def run_sensor(task: SensorTask, out: Connection) -> None:
-    """Send a sensor's sightings until the sensor or the reader stops.
+    """Send a sensor's markers through a pipe until the sensor or the reader stops.
 
-    The first message is ``("ready",)``. The reader answers with the host time at which a replay starts. Then follow
+    The first message is ``("ready",)``. The reader answers with the host time for the start of a replay. Then follow
     ``("like", SensorFiles)`` once if frames are recorded, ``("seen", SensorSightings)`` per frame, ``("trouble", code,
     sentence)``, and ``("end", SensorEnd)``.
     """
@@ -174,28 +174,28 @@ class _SensorRun:
 
 WAIT_S = 0.012  # Longest time in seconds that a moment waits for its last sensor.
 LISTEN_S = 0.005  # Longest time in seconds that one step waits for messages.
-MOST_WAITING = 1  # Number of most recent complete moments that are fused. A late moment would delay all that follow.
+MOST_WAITING = 1  # Number of complete moments that are fused, newest first. A late one would delay all that follow.
 MOST_AHEAD = 8  # Maximum number of frames per sensor that may wait if no sensor is live.
 READY_S, AHEAD_S = 60.0, 0.05
-"""Time limit for starting the sensors, and time from when they are ready to when a replay starts, in seconds."""
+"""Time limit for starting the sensors, and delay of a replay's start after they are ready, in seconds."""
 END_S, END_RECORDING_S = 5.0, 15.0
-"""Time limits in seconds for ending a sensor's process without and with a recording, which must be completed first.
-Blender waits 20 s for all processes."""
+"""Time limits in seconds for ending a sensor's process: without a recording, and with one to complete. Blender waits
+20 s for all processes."""
 
 
 @dataclass(frozen=True)
 class LiveMoment:
-    """Result for one moment."""
+    """Markers that all sensors saw at one time, fused and tracked."""
 
     tracked: TrackedPoints
-    arrived: float  # Host time in seconds at which its first frame arrived.
+    arrived: float  # Arrival of the first sensor's frame, in seconds of host time.
     seen: tuple[SensorSightings, ...] = ()
 
 
 class MarkerChain:
-    """Runs devices, acquisition and fusion. As a context manager, it ends their processes.
+    """Locates, fuses and tracks markers with one process per sensor. Use it as a context manager.
 
-    If it cannot keep up, it skips moments. If no sensor is live, all sensors wait, and every frame is used.
+    If it cannot keep up, it skips frames. If no sensor is live, all sensors wait, and every frame is used.
     """
 
     def __init__(
@@ -214,7 +214,7 @@ class MarkerChain:
         self._waited_for: set[Connection] = set()
         self._ending = False
         self.start = 0.0
-        """Host time in seconds at which the chain started."""
+        """Start of the chain in seconds of host time."""
         self.statistics = ChainStatistics()
         self.ends: dict[str, SensorEnd] = {}
         """Result of each sensor's process, by sensor name."""
@@ -260,7 +260,7 @@ class MarkerChain:
                 process.join()
 
     def moments(self, until: float = float("inf")) -> Iterator[LiveMoment | Finding]:
-        """Yield moments and sensor diagnostics until all sensors end or a host time (``perf_counter``) is reached."""
+        """Yield fused markers and sensor diagnostics until all sensors end or the host time ``until``."""
         while self._open and time.perf_counter() <= until:
             self._listen(LISTEN_S)
             yield from self._fused(time.perf_counter())
@@ -300,7 +300,6 @@ class MarkerChain:
         return index >= 0 and self._gatherer.waiting(index) >= MOST_AHEAD
 
     def _index(self, name: str) -> int:
-        """Return the index of a sensor in the calibration, or -1 if the sensor is not calibrated."""
         return self.cameras.names.index(name) if name in self.cameras.names else -1
 
     def _take(self, message: tuple[Any, ...], connection: Connection) -> None:
@@ -337,7 +336,7 @@ class MarkerChain:
 
 @dataclass(frozen=True)
 class SensorTake:
-    """The point cloud computed from a sensor folder."""
+    """The marker cloud of a sensor recording."""
 
     cloud: MarkerCloud  # Unlabelled points with covariances. The residual is each point's standard deviation.
     frames: dict[str, int]
@@ -351,7 +350,7 @@ def cloud_of(
     clusters: str = "test",
     progress: Progress = silent,
 ) -> SensorTake:
-    """Compute the point cloud from a sensor folder. ``masks`` come from ``masks_of``.
+    """Compute the marker cloud of a sensor recording. ``masks`` come from ``masks_of``.
 
     Raises:
         NoMarkers: no sensor saw a marker in any frame.
@@ -397,14 +396,14 @@ def cloud_of(
 def capture_of(
     folder: SensorFolder, take: SensorTake | None = None, name: str = "", *, progress: Progress = silent
 ) -> Capture:
-    """Return the capture computed from a folder: unlabelled points, cameras and problems."""
+    """Convert a sensor recording to a capture: unlabelled points, cameras and problems."""
     take, name = take or cloud_of(folder, progress=progress), name or folder.path.name
     source = (str(folder.path),)
     return Capture(name, cameras=folder.cameras, markers=take.cloud, sources=source, problems=take.findings)
 
 
 def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
-    """Return one diagnostic for each kind of finding, which states when it first occurred and how often."""
+    """Merge equal findings to diagnostics that state their first time and their number."""
     alike: dict[str, list[Finding]] = {}
     for finding in findings:
         alike.setdefault(finding.message, []).append(finding)
@@ -421,15 +420,15 @@ def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
 
 
 def masks_of(empty: SensorFolder) -> dict[str, np.ndarray]:
-    """Return each sensor's mask of constant lights, computed from a recording of the empty scene."""
+    """Compute each sensor's mask of constant lights from a recording of the empty scene."""
     return {d.name: learned_mask(frame.infrared for frame in d.frames()) for d in empty.devices if d.count()}
 
 
-LARGEST_INTERLEAVE_S = 0.02  # Longest delay in seconds between the exposures of two sensors. Chosen by hand.
+LARGEST_INTERLEAVE_S = 0.02  # Longest delay in seconds between the exposures of neighbouring sensors. Chosen by hand.
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
-    """Return the clocks of sensors on one trigger: sensor c exposed frame t at ``t + c · interleave``.
+    """Return the clocks of sensors on one trigger. Sensor c exposes frame t at ``t + c · interleave``.
 
     Raises:
         CommandLineInvalid: the interleave is negative or too long.

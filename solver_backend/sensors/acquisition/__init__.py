@@ -1,1 +1,1 @@
-"""Locate markers and their covariances in one infrared and depth frame. This needs only NumPy."""
+"""Locate markers and their covariances in an infrared and depth frame, with NumPy only."""

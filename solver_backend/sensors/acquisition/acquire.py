@@ -1,4 +1,4 @@
-"""Locate the markers and their covariances in one frame from one sensor (thesis 5.3.2)."""
+"""Locate the markers in one frame from a sensor, with covariances (thesis 5.3.2)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NORMAL_MAD = 1.4826  # Ratio between the standard deviation and the median absol
 
 @dataclass(frozen=True)
 class Ring:
-    """The R ring pixels around all blobs."""
+    """R pixels around all marker blobs. Blobs themselves saturate, and have no depth."""
 
     pixel: np.ndarray  # (R,) flat pixel indices.
     owner: np.ndarray  # (R,) index of the blob that each pixel belongs to.
@@ -38,7 +38,7 @@ class Ring:
 
 @dataclass(frozen=True)
 class RingDepths:
-    """Ring depths of N blobs."""
+    """Depths of the N marker blobs, measured on the rings around them."""
 
     depth: np.ndarray  # (N,) depth in metres along the axis, NaN if too few pixels provide one.
     count: np.ndarray  # (N,) number of depths that agree.
@@ -47,10 +47,10 @@ class RingDepths:
 
 
 def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray) -> Ring:
-    """Return the pixels that have a depth and lie within ``ring_px`` of a blob's blind patch.
+    """Find the pixels with a depth within ``ring_px`` of each blob's blind patch.
 
-    Pixels near two blobs belong to the nearer one. Depths are (h, w) uint16, 0 where unknown. A blob's saturated pixels
-    (``saturated``, (P,)) form the blind patch. If there are none, its pixels without depth do. ``scratch`` (h * w,)
+    Pixels near two blobs belong to the nearer one. The blind patch consists of the blob's saturated pixels (mask (P,)),
+    or of its pixels without depth if none saturate. Depths are (h, w) uint16, 0 where unknown. ``scratch`` (h * w,)
     int32 may have any content. It avoids an allocation per frame.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
@@ -80,7 +80,6 @@ def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: 
 
 @cache
 def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (n, 1) row and column offsets from a pixel to its neighbours, furthest first."""
     steps = np.arange(-reach, reach + 1)
     dy, dx = (g.ravel() for g in np.meshgrid(steps, steps, indexing="ij"))
     order = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
@@ -88,11 +87,11 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ring_depths(ring: Ring, count: int) -> RingDepths:
-    """Average each of ``count`` rings without outliers, and return the depths.
+    """Compute the depth of each of ``count`` blobs as the mean of its ring without outliers.
 
-    If part of a ring lies on another surface, such as an arm in front or the room behind, the centre of the closest
-    half of its depths replaces the median. If part of the ring lies behind the resulting depth, that depth belongs to
-    an occluder and the marker gets none.
+    If part of a ring is on another surface, such as an arm in front or the room behind, the centre of the closest half
+    of its depths replaces the median. If part of the ring is behind the resulting depth, that depth belongs to an
+    occluder and the marker gets none.
 
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
     deviation around the median".
@@ -127,12 +126,12 @@ def _spread(depth: np.ndarray, owner: np.ndarray, middle: np.ndarray, sizes: np.
 
 
 def _sorted_in_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Sort (R,) values between 0 and ``GROUP_M`` by group, then value. One sort is faster than a sort by two keys."""
+    """Sort (R,) values between 0 and ``GROUP_M`` by group and value. One key is faster than two."""
     return values[np.argsort(GROUP_M * group + values)]
 
 
 def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the centre of the shortest interval that contains half of each group (Rousseeuw 1984).
+    """Return the centre of the shortest interval with half of each group's values (Rousseeuw 1984).
 
     ``depth`` is sorted by group and value. ``sizes`` are the (N,) positive group sizes.
     """
@@ -148,7 +147,7 @@ def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the median of each group of sorted values, or NaN if the group is empty."""
+    """Return the median of each group, or NaN if it is empty. Values are sorted by group and value."""
     if not len(values):
         return np.full(len(sizes), np.nan)
     first, last = np.cumsum(sizes) - sizes, len(values) - 1
@@ -157,7 +156,7 @@ def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 class SensorLens:
-    """A calibrated camera and a table of its undistorted pixels."""
+    """A calibrated sensor with a lookup table of its undistorted pixels."""
 
     def __init__(self, cameras: Cameras, index: int) -> None:
         one = cameras.subset([index])
@@ -169,7 +168,7 @@ class SensorLens:
         self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.models[0])
 
     def undistorted(self, px: np.ndarray) -> np.ndarray:
-        """Return x/z and y/z for (N, 2) pixels by interpolation in the table. NaN outside the image."""
+        """Undistort (N, 2) pixels to x/z and y/z by interpolation in the table. NaN outside the image."""
         width, height = self.size
         at = px + 1.0
         with np.errstate(invalid="ignore"):
@@ -183,19 +182,19 @@ class SensorLens:
         return np.where(inside[:, None], (1 - b) * low + b * high, np.nan)
 
     def directions(self, flat: np.ndarray) -> np.ndarray:
-        """Convert undistorted coordinates to (N, 3) unit directions in the world."""
+        """Convert undistorted coordinates (N, 2) to (N, 3) unit directions in the world."""
         ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
         return (ray / np.linalg.norm(ray, axis=1, keepdims=True)) @ self.R
 
     def points(self, flat: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Convert undistorted coordinates and (N,) depths along the axis in metres to (N, 3) world points."""
+        """Convert undistorted coordinates (N, 2) and depths (N,) in metres to (N, 3) world points."""
         ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
         return (ray * depth[:, None] - self.t) @ self.R
 
     def covariances(
         self, flat: np.ndarray, depth: np.ndarray, sigma_px: np.ndarray, sigma_depth: np.ndarray
     ) -> np.ndarray:
-        """Return the (N, 3, 3) world covariances (m²) of points ``p = z (x, y, 1)``."""
+        """Return the (N, 3, 3) world covariances in m² of points ``p = z (x, y, 1)``."""
         J = np.zeros((len(depth), 3, 3))
         J[:, 0, 0] = depth / self.focal[0] * sigma_px
         J[:, 1, 1] = depth / self.focal[1] * sigma_px
@@ -207,7 +206,7 @@ class SensorLens:
 
 @lru_cache(maxsize=8)
 def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
-    """Return a lens's read-only (h + 2, w + 2, 2) table, which has a margin of one pixel."""
+    """Return a lens's read-only lookup table (h + 2, w + 2, 2), which extends a pixel beyond the image."""
     width, height = size
     u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
     lens = Lens(np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), size, model)
@@ -220,15 +219,18 @@ _STEPS = 6  # Number of k-means iterations. Chosen by hand.
 
 
 def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray) -> tuple[Blobs, Ring, np.ndarray]:
-    """Split merged blobs and their rings. Return both, and the (N',) mask of the parts.
+    """Split blobs that consist of several markers, together with their rings.
 
     A disc of radius R has a variance of ``R²/4`` along any axis. Two discs a distance s apart have ``R²/4 + s²/4``
-    along the line between them. A blob whose variance exceeds a disc's by the factor ``merged`` is split into as many
+    along the line between them. A blob is split if its variance exceeds a disc's by the factor ``merged``: into as many
     parts as its area allows, and into more until all parts are round. The parts are seeded with the pixels furthest
     apart (Gonzalez 1985) and refined by k-means (Lloyd 1982).
 
     Args:
         radius_px: (N,) radius of a single marker's blob, or NaN where its depth is unknown.
+
+    Returns:
+        The N' blobs, their rings, and the (N',) mask of the parts of split blobs.
     """
     limit = SETTINGS.merged * 0.25 * radius_px**2 + SETTINGS.merged_px2
     with np.errstate(invalid="ignore"):
@@ -251,7 +253,7 @@ def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray
 
 
 def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Split a blob into parts whose variance is at most ``limit`` px². Return their centres and each pixel's part."""
+    """Split a blob into parts with at most ``limit`` px² variance. Return centres, and each pixel's part."""
     xy = _xy(blob.pixel, blob.width)
     number = min(max(fits, 2), SETTINGS.most_in_blob)
     while True:
@@ -263,7 +265,6 @@ def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tu
 
 
 def _parted(xy: np.ndarray, middle: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (number, 2) centres of a blob's parts, and the part that each of the (P,) pixels belongs to."""
     chosen = [int(((xy - middle) ** 2).sum(1).argmax())]
     apart = np.full(len(xy), np.inf)
     while len(chosen) < number:
@@ -291,7 +292,7 @@ def _nearest(xy: np.ndarray, centres: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SensorSightings:
-    """N markers seen by one sensor at one time."""
+    """N markers that one sensor saw in one frame."""
 
     sensor: int
     time: float
@@ -302,7 +303,7 @@ class SensorSightings:
     origin: np.ndarray  # (3,) position of the sensor.
     direction: np.ndarray  # (N, 3) unit directions of the rays in the world.
     sigma_ray: np.ndarray  # (N,) standard deviation perpendicular to each ray in radians.
-    finding: str = ""  # Code of a problem in the frame, or an empty string.
+    finding: str = ""  # Code of a problem in the frame, or "".
     number: int = 0
     host_s: float = field(default=0.0, compare=False)
 
@@ -321,7 +322,7 @@ class Acquisition:
 
     Raises:
         SensorUnknown: the calibration does not contain the sensor.
-        CalibrationInvalid: the images are larger than those of any sensor.
+        CalibrationInvalid: the images have more pixels than any known sensor's.
     """
 
     def __init__(self, cameras: Cameras, sensor: str, mask: np.ndarray | None = None) -> None:
@@ -345,7 +346,7 @@ class Acquisition:
         self._scratch = np.zeros(width * height, np.int32)
 
     def __call__(self, frame: SensorFrame) -> SensorSightings:
-        """Return the markers seen in a frame."""
+        """Find the markers in a frame."""
         self._require_size(frame)
         blobs = find_blobs(frame.infrared, threshold_of(frame.infrared), self._mask)
         if blobs is None or not blobs.count:

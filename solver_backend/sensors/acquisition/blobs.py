@@ -15,18 +15,18 @@ class AcquisitionSettings:
 
     marker_radius_m: float = 0.007  # Radius of a marker in metres.
     background_quantile: float = 0.99
-    """Quantile of the image that is taken as the background. Markers cover less than the rest of the image."""
+    """Quantile of the image's counts that represents the background. Markers cover less than the remaining part."""
     contrast: float = 3.0  # Smallest ratio between the brightness of a marker and of the background.
     least_threshold: float = 0.03
-    """Lower limit of the threshold relative to full counts, so that noise in a dark image is not taken for a marker."""
-    most_threshold: float = 0.6  # Upper limit of the threshold, because retro-reflections saturate.
-    sample_step: int = 8  # Distance between the rows and columns from which the background is estimated.
+    """Smallest threshold, as a fraction of full counts. It keeps noise in dark images from being detected."""
+    most_threshold: float = 0.6  # Largest threshold, as a fraction of full counts. Markers saturate.
+    sample_step: int = 8  # Distance between the image rows and columns that are sampled to estimate the background.
     mask_contrast: float = 0.5
     """Fraction of the threshold above which a pixel in an empty scene shows a lamp or another sensor."""
     mask_grow_px: int = 3  # Margin added to the lamp mask in pixels.
 
     most_bright: float = 0.04
-    """Largest fraction of bright pixels. If it is exceeded, the scene is sunlit and no markers are detected."""
+    """Largest fraction of bright pixels. Scenes with more are sunlit, and no markers are detected."""
     most_blobs: int = 400  # Largest number of blobs. A scene with more is sunlit.
     least_pixels: int = 2  # Smallest number of pixels in a blob.
     saturated: float = 0.98
@@ -35,14 +35,14 @@ class AcquisitionSettings:
     ring_px: int = 2  # Width of the ring around the blind patch.
     least_ring: int = 4  # Smallest number of ring depths that determines a marker's depth.
     mad_limit: float = 3.0
-    """Largest distance from the ring's median at which a depth is used, in standard deviations (Leys et al. 2013)."""
+    """Largest distance of a depth from the ring's median, in standard deviations (Leys et al. 2013)."""
     mad_floor_m: float = 0.003  # Smallest standard deviation of a ring (m), so that quantised depths are not outliers.
     two_depths_m: float = 0.010
-    """Standard deviation (m) above which a ring lies on two surfaces. The closest half of its depths is then used."""
+    """Largest standard deviation (m) of a ring on one surface. Otherwise, the closest half of its depths is used."""
     most_spread_m: float = 0.020  # Largest standard deviation of a ring with a depth. Otherwise, the marker is a ray.
     behind_m: float = 0.030
     """Depths this far (m) behind the marker belong to another surface: three standard deviations of a pixel at 3 m."""
-    most_behind: float = 0.1  # Largest fraction of these. Beyond it, the depth is an occluder's and the marker a ray.
+    most_behind: float = 0.1  # Largest fraction of such depths. If more, an occluder hides the marker, which is a ray.
     surface_radii: float = 2.0 / 3.0
     """Distance from a sphere's centre to the surface that reflects, in radii. 2/3 is the mean over its disc."""
     range_m: tuple[float, float] = (0.3, 8.0)  # Possible depths of a marker in metres.
@@ -50,19 +50,19 @@ class AcquisitionSettings:
     halo_px: float = 1.5
     """Growth of a blob's radius by blur and saturation, in pixels. Used until it is measured on round blobs."""
     round: float = 1.35
-    """A blob is round if its variance along its longer axis is less than this times that of a disc of equal area."""
-    round_kept: int = 256  # Number of recent round blobs with a known depth from which the halo is measured.
+    """Largest variance of a round blob along its longer axis, relative to a disc of equal area."""
+    round_kept: int = 256  # Number of recent round blobs with a known depth that determine the halo.
     merged: float = 1.6  # A blob is several markers if its variance along its axis exceeds a disc's by this factor
     merged_px2: float = 0.3  # and by this amount, because a few pixels do not form a smooth disc.
     most_in_blob: int = 4  # Maximum number of markers in one blob.
     too_large: float = 3.5  # Largest area of a part relative to a marker's.
     too_small: float = 0.12  # Smallest area of a part relative to a marker's.
     least_share: float = 0.45
-    """Smallest relative area of a marker with a depth. Below it, the ring is an occluder's and the marker a ray."""
+    """Smallest relative area of a marker with a depth. Smaller ones are hidden by an occluder, and are rays."""
 
     sigma_px: float = 0.08  # Standard deviation of a centroid in pixels.
     split_sigma_px: float = 0.5  # Additional standard deviation for the parts of a split blob.
-    hidden_sigma: float = 0.45  # Additional deviation of a partly hidden disc: this times radius times hidden part.
+    hidden_sigma: float = 0.45  # Additional deviation of a partly hidden disc, times its radius and hidden fraction.
     depth_constant_m: float = 0.8e-3
     """Standard deviation of a depth at distance zero, as measured for Azure Kinects (Tölgyessy et al. 2021)."""
     depth_quadratic: float = 0.55e-3  # Additional standard deviation at 1 m. It grows with the square of the distance.
@@ -80,7 +80,7 @@ SETTINGS = AcquisitionSettings()
 def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
     """Return the patch number of each bright pixel (sorted flat indices), and the number of patches.
 
-    Runs of pixels belong to the same patch if they touch a run in the next row, even at a corner.
+    Pixels are connected if they touch, even at corners.
     """
     if not len(pixels):
         return np.zeros(0, np.int64), 0
@@ -101,9 +101,9 @@ def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
 
 
 def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the connected component of each of ``count`` nodes, and the number of components.
+    """Return the connected component of each of ``count`` nodes with edges (a, b), and their number.
 
-    Each node takes the smallest reachable number. Paths to the roots are halved (Shiloach and Vishkin 1982).
+    Each node gets the smallest reachable number. Paths to the roots are halved (Shiloach and Vishkin 1982).
     """
     root = np.arange(count)
     while len(a):
@@ -121,7 +121,7 @@ def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
 
 @dataclass(frozen=True)
 class Blobs:
-    """N blobs that consist of P pixels."""
+    """N bright blobs in an infrared image that consist of P pixels."""
 
     pixel: np.ndarray  # (P,) flat pixel indices.
     owner: np.ndarray  # (P,) index of the blob that each pixel belongs to.
@@ -132,7 +132,7 @@ class Blobs:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Moments of N blobs."""
+    """Centres and sizes of N blobs."""
 
     centre: np.ndarray  # (N, 2) centre in px, weighted by the counts above the threshold.
     area: np.ndarray  # (N,) area in pixels.
@@ -141,7 +141,7 @@ class Shapes:
 
 
 def find_blobs(infrared: np.ndarray, threshold: float, mask: np.ndarray | None) -> Blobs | None:
-    """Return the blobs in (h, w) counts outside ``mask``, or None if the scene is sunlit."""
+    """Return the blobs in an (h, w) infrared image outside ``mask``, or None if the scene is sunlit."""
     flat = infrared.reshape(-1)
     pixel = np.flatnonzero(flat > infrared.dtype.type(threshold))
     if mask is not None:
@@ -160,7 +160,7 @@ def find_blobs(infrared: np.ndarray, threshold: float, mask: np.ndarray | None) 
 
 
 def shapes_of(blobs: Blobs) -> Shapes:
-    """Return the moments of blobs."""
+    """Compute the centre, area and extent of each blob."""
     y, x = np.divmod(blobs.pixel, blobs.width)
     owner, count = blobs.owner, blobs.count
 
@@ -179,12 +179,12 @@ def shapes_of(blobs: Blobs) -> Shapes:
 
 
 def full_counts(infrared: np.ndarray) -> float:
-    """Return the counts at which an image saturates, which is the largest value of its type."""
+    """Return the counts of a saturated pixel, which are the largest value of the image's type."""
     return float(np.iinfo(infrared.dtype).max)
 
 
 def threshold_of(infrared: np.ndarray) -> float:
-    """Return the counts from which a pixel is bright: ``contrast`` times the background, within limits."""
+    """Return the smallest counts of a bright pixel: ``contrast`` times the background, within limits."""
     full, step = full_counts(infrared), SETTINGS.sample_step
     sample = infrared[step // 2 :: step, step // 2 :: step].ravel()
     rank = int(SETTINGS.background_quantile * (len(sample) - 1))
@@ -193,7 +193,7 @@ def threshold_of(infrared: np.ndarray) -> float:
 
 
 def learned_mask(pictures: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the (h, w) mask of the lamps in images of an empty scene, with a margin."""
+    """Return the (h, w) mask of lamps, with a margin, from images of the empty scene."""
     brightest: np.ndarray | None = None
     for picture in pictures:
         brightest = picture.copy() if brightest is None else np.maximum(brightest, picture)

@@ -1,1 +1,1 @@
-"""Read all sensors through one interface: recordings, studio renderings, and connected devices."""
+"""Read recordings, studio renderings and connected depth sensors through one interface."""

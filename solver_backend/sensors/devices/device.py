@@ -1,4 +1,4 @@
-"""Define the interface and the errors that all sensors share."""
+"""Define the interface and the errors of depth sensors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.exchange.errors import MocapError
 
 @dataclass(frozen=True)
 class SensorFrame:
-    """A sensor's images at one time. Infrared and depth are pixel-aligned."""
+    """A sensor's infrared and depth images at one time, aligned pixel by pixel."""
 
     sensor: str
     infrared: np.ndarray  # (h, w) uint8 or uint16 counts.
@@ -26,7 +26,7 @@ class SensorFrame:
 
 
 class OpenedDevice:
-    """Base class for devices. A ``with`` statement opens and closes them."""
+    """Base class for devices. As a context manager, a device is open during the ``with`` block."""
 
     def __enter__(self) -> Self:
         self.open()
@@ -39,20 +39,20 @@ class OpenedDevice:
         """Start the device. Raise ``MocapError`` if it is missing or unusable."""
 
     def close(self) -> None:
-        """Stop the device. May be called several times, and from another thread. The default does nothing."""
+        """Stop the device. This may be called several times, and from another thread."""
 
 
 class Device(OpenedDevice, ABC):
-    """A sensor that has a name in the calibration."""
+    """A sensor with a name in the calibration."""
 
     name: str
 
     @abstractmethod
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device ends. Frames that arrive too fast are dropped."""
+        """Yield frames until the device ends. Frames are dropped if they arrive faster than they are read."""
 
     def starting(self, start: float) -> Self:
-        """Return a sensor whose time 0 is the host time ``start``."""
+        """Return this sensor, or a replayed one with time 0 at the host time ``start``."""
         return self
 
 

@@ -39,7 +39,7 @@ QUIET = {"DEPTHAI_INSTALL_SIGNAL_HANDLER": "0", "DEPTHAI_LEVEL": "off"}
 
 
 def depthai() -> Any:
-    """Import ``depthai`` version 3 or later. Raise BackendMissing if it is not installed."""
+    """Import ``depthai`` version 3 or later, or raise ``BackendMissing``."""
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     try:
@@ -60,7 +60,7 @@ def listed_oaks() -> list[str]:
 
 
 def open_oak(identifier: str, name: str) -> Any:
-    """Connect to a device. Raise ``SensorFailed`` if it is missing or in use."""
+    """Connect to an OAK device. Raise ``SensorFailed`` if it is missing or in use."""
     dai = depthai()
     try:
         return dai.Device(dai.DeviceInfo(identifier))
@@ -76,7 +76,7 @@ ROLES = ("master", "slave")  # Roles on the synchronisation wire.
 
 @dataclass
 class OakPipeline(OpenedDevice, ABC):
-    """An OAK whose pipeline, built by a subclass, runs from ``open`` to ``close``."""
+    """An OAK camera whose pipeline, built by a subclass, runs from ``open`` to ``close``."""
 
     name: str
     identifier: str  # Device identifier, IP address or USB port.
@@ -89,7 +89,7 @@ class OakPipeline(OpenedDevice, ABC):
 
     @abstractmethod
     def _role(self) -> str:
-        """Return the role on the synchronisation wire. A name that is not in ``ROLES`` means no role."""
+        """Return the role on the synchronisation wire. Names outside ``ROLES`` mean none."""
 
     def open(self) -> None:
         """Connect and start. Raise SensorFailed, or SensorUnknown if the device lacks cameras or lights."""
@@ -120,7 +120,7 @@ class OakPipeline(OpenedDevice, ABC):
             raise SensorFailed("The sensor is not open.", where=f"sensor {self.name}", hint="Open it first.")
 
     def close(self) -> None:
-        """Stop the pipeline. May be called several times."""
+        """Stop the pipeline. This may be called several times."""
         pipeline, self._pipeline, self._queue = self._pipeline, None, None
         if pipeline is not None:
             pipeline.stop()
@@ -128,7 +128,7 @@ class OakPipeline(OpenedDevice, ABC):
 
 INFRARED, DEPTH = "infrared", "depth"
 WAIT_S = 0.0005  # Seconds between checks of an empty queue.
-LARGEST_JUMP_S = 10.0  # Smallest forward clock step in seconds that means a reset. Any backward step also does.
+LARGEST_JUMP_S = 10.0  # Largest forward step in seconds of an intact device clock. Backward steps also mean a reset.
 
 
 def paired(
@@ -137,7 +137,7 @@ def paired(
     """Return a queue of infrared and depth images that the host pairs by exposure time.
 
     Images more than half a frame apart come from different exposures. With ``blocking``, no pair is dropped, which
-    suits recordings. Otherwise, the oldest pair is dropped when the queue is full.
+    suits recordings. Otherwise, a full queue drops its oldest pair.
     """
     sync = pipeline.create(dai.node.Sync)
     sync.setRunOnHost(True)
@@ -153,7 +153,7 @@ def paired(
 def paired_frames(
     dai: Any, name: str, queue: Any, running: Callable[[], bool], silent_s: float, by_ptp: bool = False
 ) -> Iterator[SensorFrame]:
-    """Yield frames from a queue while ``running``. After ``silent_s`` without a frame, the device is lost.
+    """Yield frames from a queue while ``running``. Without a frame for ``silent_s``, the device is lost.
 
     Raises:
         SensorFailed: the device was lost or sent nothing, or its clock was reset.
@@ -207,7 +207,7 @@ def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
 
 
 SYNCS = ("none", "master", "slave", "ptp")
-"""Synchronisation: none, sending or receiving pulses by wire (M8 or FSIN), or network clock (OAK-4 on Ethernet)."""
+"""Synchronisation: none, pulses sent or received by wire (M8 or FSIN), or network clock (OAK-4 on Ethernet)."""
 SIZES = ((640, 400), (1280, 800))  # Possible image sizes of the mono cameras in pixels.
 
 
@@ -221,8 +221,8 @@ class OakSettings:
     iso: int = 200  # Sensitivity. A low value keeps everything but reflectors dark.
     flood: float = 1.0  # Strength of the infrared flood light, 0 to 1. Retro-reflective markers need it.
     sync: str = "none"  # One of ``SYNCS``.
-    silent_s: float = 5.0  # Seconds without a frame after which the device is considered lost.
-    queue: int = 4  # Number of frames that may wait for the host. When it is exceeded, the oldest is dropped.
+    silent_s: float = 5.0  # Seconds without a frame until the device counts as lost.
+    queue: int = 4  # Maximum number of frames that wait for the host. Then the oldest one is dropped.
 
     def __post_init__(self) -> None:
         if self.sync not in SYNCS:
@@ -242,7 +242,7 @@ class OakSettings:
 
 @dataclass
 class Oak(OakPipeline, Device):
-    """The stereo cameras of an OAK. Infrared and depth use the pixels of the left image."""
+    """The stereo cameras of an OAK. Infrared and depth are aligned with the left image."""
 
     settings: OakSettings = field(default_factory=OakSettings)
 
@@ -292,7 +292,7 @@ class Oak(OakPipeline, Device):
 
 
 def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
-    """Return the rectified left mono cameras as calibrated in the factory, all at the origin.
+    """Return the factory calibration of the rectified left cameras, all at the origin.
 
     Raises:
         SensorFailed, CalibrationMissing: a device is missing or not calibrated.
@@ -321,7 +321,7 @@ KINDS = ("oak",)
 
 
 def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
-    """Return the device named ``KIND:ID`` or ``KIND:ID=NAME``, without opening it.
+    """Parse ``oak:ID`` or ``oak:ID=NAME``. The device is not opened.
 
     Raises:
         SensorUnknown: the type is unknown, or the identifier is missing.
@@ -344,7 +344,7 @@ CLOCKS = "clocks.json"  # File that stores the clocks of the videos, see ``Clock
 
 @dataclass(frozen=True)
 class ColourPicture:
-    """A compressed image."""
+    """A JPEG image from a colour camera."""
 
     jpeg: bytes
     time_s: float  # Centre of the exposure in seconds on the clock that all cameras share.
@@ -362,7 +362,7 @@ class ColourSource(Protocol):
         ...
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield images as they arrive, and None while there are none, until the device ends."""
+        """Yield images as they arrive, and None while no image is available, until the device ends."""
         ...
 
     def close(self) -> None:
@@ -372,7 +372,7 @@ class ColourSource(Protocol):
 
 @dataclass
 class OakColour(OakPipeline):
-    """The colour camera of an OAK. Every image is compressed separately (MJPEG)."""
+    """The colour camera of an OAK, which compresses every image separately (MJPEG)."""
 
     size: tuple[int, int] = (1920, 1080)
     fps: float = 60.0
@@ -394,7 +394,7 @@ class OakColour(OakPipeline):
         return encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield images as they arrive, otherwise None. Raise SensorFailed if the device is lost."""
+        """Yield images as they arrive, and None in between. Raise ``SensorFailed`` if the device is lost."""
         self._require_open()
         middle = depthai().CameraExposureOffset.MIDDLE
         while self._pipeline is not None and self._pipeline.isRunning():
@@ -406,7 +406,7 @@ class OakColour(OakPipeline):
 
 
 class ColourFile:
-    """A fragmented MP4 file that grows during the recording and stays readable if it is interrupted.
+    """A fragmented MP4 file, which stays readable if the recording is interrupted.
 
     Images keep their times relative to ``begin_s`` on the shared clock. ``fps`` is nominal.
     """
@@ -422,7 +422,7 @@ class ColourFile:
         self._stream, self._last = stream, -1
 
     def add(self, picture: ColourPicture) -> None:
-        """Append an image, which must be later than the last one. Raise OutputNotWritable if that fails."""
+        """Append an image that is later than the last one. Raise ``OutputNotWritable`` if that fails."""
         at = round((picture.time_s - self.begin_s) * TICKS)
         if at <= self._last or at < 0:
             return
@@ -447,7 +447,7 @@ class ColourFile:
 def record_colour(
     sources: Mapping[str, ColourSource], folder: Path, size: tuple[int, int], fps: float, seconds: float
 ) -> dict[str, int]:
-    """Write ``NAME.mp4`` for each camera, starting at the first common exposure. Return the frame counts.
+    """Write ``NAME.mp4`` for each camera, starting at the first common exposure. Return frame counts.
 
     Raises:
         OutputExists: a video already exists.
@@ -509,18 +509,18 @@ def _until(
 
 
 class OakPictures:
-    """Live images from a camera with exposure times, on a clock shared by the devices and the host."""
+    """Live images from a colour camera, with exposure times on a clock that devices and host share."""
 
     def __init__(self, camera: ColourSource) -> None:
         self._camera = camera
         self.name, self.size, self.fps = camera.name, camera.size, camera.fps
 
     def open(self) -> None:
-        """Connect."""
+        """Connect to the camera."""
         self._camera.open()
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield images as they arrive. Raise ``SensorFailed`` if the device was lost."""
+        """Yield images with times relative to ``start``. Raise ``SensorFailed`` if the device is lost."""
         number = 0
         for picture in self._camera.pictures():
             if picture is None:
@@ -531,7 +531,7 @@ class OakPictures:
             number += 1
 
     def close(self) -> None:
-        """Release the device."""
+        """Disconnect from the camera."""
         self._camera.close()
 
 

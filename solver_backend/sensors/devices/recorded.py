@@ -1,4 +1,4 @@
-"""Write and read sensor recordings, and read studio shots."""
+"""Write and read sensor recordings, and read rendered studio shots as sensors."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ HEADER = "number,device_s,host_s\n"
 
 @dataclass(frozen=True)
 class SensorFiles:
-    """A sensor in a recording."""
+    """Name, image size and data types of a sensor in a recording."""
 
     name: str
     width: int
@@ -51,12 +51,12 @@ class SensorFiles:
 
     @property
     def infrared_bytes(self) -> int:
-        """Number of bytes per infrared image."""
+        """Size of an infrared image in bytes."""
         return self.width * self.height * np.dtype(self.infrared).itemsize
 
     @property
     def frame_bytes(self) -> int:
-        """Number of bytes per frame in ``frames.bin``."""
+        """Size of a frame in ``frames.bin``, in bytes."""
         return self.infrared_bytes + (2 * self.width * self.height if self.depth else 0)
 
     @staticmethod
@@ -67,19 +67,19 @@ class SensorFiles:
 
 
 LARGEST_NUMBER = 1e11
-"""Largest frame number, or time in seconds, in an index. Rounding would make larger times inexact by microseconds."""
+"""Largest frame number, and largest time in seconds, in an index. Larger times would be rounded by microseconds."""
 
 
 @dataclass(frozen=True)
 class RecordingAbout:
-    """Contents of ``recording.json``."""
+    """Description of a recording, stored in ``recording.json``."""
 
     kind: str  # One of ``KINDS``.
     fps: float  # Requested frame rate.
     sensors: tuple[SensorFiles, ...]
 
     def text(self) -> str:
-        """Return the content of the file as text."""
+        """Return the content of ``recording.json``."""
         values: dict[str, object] = {"format": FORMAT, "version": VERSION, "kind": self.kind, "fps": self.fps}
         values["sensors"] = [
             {"name": s.name, "size": [s.width, s.height], "infrared": s.infrared, "depth": s.depth}
@@ -89,7 +89,7 @@ class RecordingAbout:
 
 
 def read_about(folder: Path) -> RecordingAbout:
-    """Read the description of a recording. Raise RecordingInvalid if it is invalid."""
+    """Read a recording's description. Raise ``RecordingInvalid`` if it is damaged or newer."""
     path = folder / ABOUT
     values = read_json(path)
     try:
@@ -116,7 +116,7 @@ def _sensor(item: Any) -> SensorFiles:
 
 
 def read_index(path: Path) -> np.ndarray:
-    """Return (F, 3) rows of frame number, device time and host time. Raise RecordingInvalid."""
+    """Read (F, 3) rows of frame number, device time and host time, or raise ``RecordingInvalid``."""
     try:
         lines = read_text(path).splitlines(keepends=True)
         whole = [line for line in lines[1:] if line.endswith("\n") and line.strip()]
@@ -138,7 +138,7 @@ _ASK_EVERY = 32  # Number of frames between checks of the free space. Chosen by 
 
 
 class Recording:
-    """The folder of a recording, which contains a description and the poses of the sensors.
+    """A recording folder with its description and the calibration of the sensors.
 
     Raises:
         OutputExists: the folder already contains a recording.
@@ -156,7 +156,7 @@ class Recording:
             raise _not_writable(folder, error) from error
 
     def add(self, sensor: SensorFiles) -> None:
-        """Create a folder for a sensor and add the sensor to the description."""
+        """Create a sensor's folder, and add the sensor to the description."""
         self._about = replace(self._about, sensors=(*self._about.sensors, sensor))
         try:
             (self.folder / sensor.name).mkdir(exist_ok=True)
@@ -174,7 +174,7 @@ def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
 class SensorRecorder:
     """Writes the frames of one sensor in a thread, and counts dropped frames.
 
-    If ``patient``, it waits for the disk and drops nothing. This suits sources that can wait.
+    If ``patient``, it waits for a slow disk and drops no frames. This suits sources that can wait.
     """
 
     def __init__(self, folder: Path, sensor: SensorFiles, kind: str, *, patient: bool = False) -> None:
@@ -187,7 +187,7 @@ class SensorRecorder:
         self._thread.start()
 
     def __call__(self, frame: SensorFrame) -> None:
-        """Queue a frame. It is dropped if the disk is too slow or if its size differs."""
+        """Queue a frame for writing. It is dropped if the disk is too slow or if its size differs."""
         if self.ended:
             return
         try:
@@ -198,7 +198,7 @@ class SensorRecorder:
             self.dropped += 1
 
     def close(self) -> None:
-        """Write the remaining frames, then stop."""
+        """Write the remaining frames, and stop the thread."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join()
@@ -240,10 +240,10 @@ class SensorRecorder:
 def due_frames(
     times: np.ndarray, start: float | None, *, repeat: bool = False
 ) -> Iterator[tuple[int, int, float, float]]:
-    """Yield index, lap, device time and host time of each frame, given (F,) seconds on the device's clock.
+    """Yield index, lap, device time and host time of each replayed frame when it is due.
 
-    ``start`` is the host time (``time.perf_counter``) that corresponds to time 0. With None, all frames are yielded at
-    once. With ``repeat``, playback restarts after the end, and the time continues.
+    ``times`` are (F,) seconds on the device's clock. ``start`` is the host time (``time.perf_counter``) of time 0. None
+    yields all frames at once. With ``repeat``, playback restarts after the end, and times continue to increase.
     """
     if not len(times):
         return
@@ -273,14 +273,14 @@ def due_frames(
 
 @dataclass
 class ReplayedSensor(Device):
-    """A sensor whose frames are read from a folder."""
+    """A sensor that replays frames from a folder."""
 
     name: str
     folder: Path
     start: float | None = field(default=None, kw_only=True)
-    """Host time that corresponds to time 0. None yields frames without waiting."""
+    """Host time of time 0. None yields frames without waiting."""
     repeat: bool = field(default=False, kw_only=True)
-    zero: float = field(default=0.0, kw_only=True)  # Device time that is treated as 0.
+    zero: float = field(default=0.0, kw_only=True)  # Device time that corresponds to time 0.
 
     def starting(self, start: float) -> Self:
         """Return a sensor that plays at its recorded rate, with time 0 at the host time ``start``."""
@@ -288,18 +288,18 @@ class ReplayedSensor(Device):
 
     @abstractmethod
     def index(self) -> np.ndarray:
-        """Return (F, 3) index rows of all complete frames: number, device time and host time."""
+        """Return (F, 3) rows of all complete frames: number, device time and host time."""
 
     @abstractmethod
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return the infrared and depth images of a frame. Raise ``SensorFailed`` if one is missing or damaged."""
 
     def count(self) -> int:
-        """Return the number of frames. Raises the errors of ``index``."""
+        """Return the number of complete frames."""
         return len(self.index())
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames. Raises the errors of ``index`` and ``pictures``."""
+        """Yield the frames, either when they are due or without waiting."""
         rows = self.index()
         count = int(rows[-1, 0] - rows[0, 0]) + 1 if len(rows) else 0
         for at, lap, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
@@ -345,12 +345,12 @@ class RecordedSensor(ReplayedSensor):
 
 @dataclass
 class StudioSensor(ReplayedSensor):
-    """A camera in a studio shot."""
+    """A simulated sensor, which is a camera in a rendered studio shot."""
 
     fps: float
 
     def index(self) -> np.ndarray:
-        """Return the index rows (see ``ReplayedSensor``)."""
+        """Return a row for each infrared image (see ``ReplayedSensor``)."""
         number = np.arange(len(list((self.folder / "infrared" / self.name).glob("*.png"))))
         if not len(number):
             hint = 'In the data set description, set "film": ["infrared", "depth"]. Then make the shot again.'
@@ -375,12 +375,12 @@ def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple
 
 STUDIO_SHOT = ("clean.npz", "infrared")  # File and folder that identify a studio shot.
 OTHER_CLOCK_S = 0.5
-"""Largest difference between sensor clocks in seconds. If it is exceeded, sensors are aligned by the host's clock."""
+"""Largest difference between sensor clocks in seconds. Beyond it, sensors are aligned by the host's clock."""
 
 
 @dataclass(frozen=True)
 class SensorFolder:
-    """The sensors in a folder, in the order of the calibration."""
+    """The sensors of a recording or studio shot, in the order of the calibration."""
 
     path: Path
     cameras: Cameras
@@ -390,7 +390,7 @@ class SensorFolder:
 
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
-    """Open a recording or a studio shot, with its own calibration or the given one.
+    """Open a sensor recording or a studio shot, with its own calibration or the given one.
 
     Raises:
         RecordingInvalid: the folder is neither of these, or is damaged.
@@ -425,7 +425,7 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _zeros(indices: list[np.ndarray]) -> list[float]:
-    """Return the time zero of each sensor: a common time, or the host's for sensors on different clocks."""
+    """Return each sensor's device time at time 0. The host's clock aligns sensors on different clocks."""
     firsts = np.array([rows[0, 1:] if len(rows) else (np.nan, np.nan) for rows in indices])
     if not np.isfinite(firsts).any():
         return [0.0] * len(indices)
@@ -450,7 +450,6 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _named(cameras: Cameras, found: set[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
-    """Return the calibrated sensors that were found and those that are missing."""
     names = [name for name in cameras.names if name in found]
     if not names:
         there = ", ".join(sorted(found)) or "nothing"

@@ -1,1 +1,1 @@
-"""Fuse the sightings from all sensors into one cloud, track its points, and reject ghosts."""
+"""Fuse the markers seen by all sensors into one cloud, track its points, and reject ghosts."""

@@ -1,4 +1,7 @@
-"""Fuse the sightings from all sensors into moments, and track the points to build a marker cloud."""
+"""Group the frames of all sensors into moments, fuse their markers, and track them in a marker cloud.
+
+A moment consists of the frames that the sensors took at the same time.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ from solver_backend.videos.detect.detect_videos import least_cost_assignment
 
 @dataclass(frozen=True)
 class FusionSettings:
-    """Constants used for fusion."""
+    """Constants for fusing and tracking markers."""
 
     radius_m: float = 0.01  # Radius of clusters in the published method, in metres (Noise-In, Bias-Out, appendix K).
     calibration_m: float = 0.0012
@@ -29,37 +32,37 @@ class FusionSettings:
     joined: float = 16.27  # Largest χ² between two sightings of the same marker: 0.999 with three degrees of freedom.
     joined_ray: float = 13.82  # Largest χ² between a point and a ray: 0.999 with two degrees of freedom.
     joined_rays: float = 6.63
-    """Largest χ² between two rays: 0.99 with one degree of freedom. It is strict because rays often meet by chance."""
+    """Largest χ² between two rays: 0.99 with one degree of freedom. Rays often meet by chance, so it is strict."""
     reach_m: float = 0.05  # Largest distance in metres between two sightings of one marker, even if they are uncertain.
     closest_m: float = 0.028
     """Smallest distance between two markers in metres. If two points are closer, only the more certain one is kept."""
     ray_range_m: tuple[float, float] = (0.3, 6.0)
     """Range of distances in metres from either sensor to the intersection of two rays."""
-    least_angle: float = 0.17  # Smallest angle in radians between two rays at which they determine a point.
+    least_angle: float = 0.17  # Smallest angle in radians between two rays that determine a point.
 
     acceleration_m_s2: float = 40.0  # Standard deviation of a marker's acceleration between frames.
     start_speed_m_s: float = 2.0  # Standard deviation of a new marker's speed per axis.
     follow: float = 16.27  # Largest χ² between a point and the track it continues.
     lost_s: float = 0.12  # Seconds without a point after which a track ends.
 
-    hit_alone: float = 0.8  # Increase in a track's log-odds of being a marker if one sensor sees it.
-    hit_together: float = 3.0  # Increase if two or more sensors see it.
-    hit_rays: float = 1.0  # Increase if it is only the intersection of two rays.
-    miss: float = 1.0  # Decrease if no sensor sees it.
+    hit_alone: float = 0.8  # Increase of a track's log-odds of being a marker if one sensor sees the marker.
+    hit_together: float = 3.0  # Increase if two or more sensors see the marker.
+    hit_rays: float = 1.0  # Increase if the marker is only the intersection of two rays.
+    miss: float = 1.0  # Decrease if no sensor sees the marker.
     start: float = -2.0  # Initial log-odds of a new point.
     most: float = 6.0  # Largest log-odds.
 
 
 SETTINGS = FusionSettings()
 
-_NEVER = 1e6  # Cost of an impossible pair, which exceeds any sum of possible ones.
+_NEVER = 1e6  # Cost of an impossible pair, which exceeds any sum of possible costs.
 
 
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Select as many candidate pairs (a, b) as possible at the smallest ``Σ cost``. Each name is used once.
+    """Select as many candidate pairs (a, b) as possible at the smallest ``Σ cost``, each element once.
 
-    Names are not negative, and costs are far below 1e6. The candidates are divided into components that share no name.
-    Components that contain several pairs are solved by the Hungarian method (Kuhn 1955).
+    Numbers are not negative, and costs are far below 1e6. The candidates are divided into components that share no
+    element. Components with several pairs are solved by the Hungarian method (Kuhn 1955).
     """
     if not len(a):
         return a, b
@@ -93,7 +96,7 @@ Rays = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def met_rays(rays: list[Rays]) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) points and their covariances where rays from exactly two sensors intersect.
+    """Return (N, 3) intersections of rays from exactly two sensors, and their covariances.
 
     A point is the midpoint of the shortest line between two rays (Hartley and Sturm 1997), provided that the errors of
     the rays explain the length of that line. Neither ray may meet a third one, because at most one of several
@@ -141,7 +144,7 @@ def _meetings(a: Rays, b: Rays) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
 
 @dataclass(frozen=True)
 class FusedPoints:
-    """N fused points at one time."""
+    """N points fused from all sensors at one time."""
 
     time: float
     points: np.ndarray  # (N, 3) world positions in metres.
@@ -151,7 +154,7 @@ class FusedPoints:
 
 
 def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoints:
-    """Fuse the sightings of one moment, either by their covariances or within ``radius_m``."""
+    """Fuse the markers of one moment, either by their covariances ("test") or within ``radius_m`` ("radius")."""
     time = float(np.mean([s.time for s in sightings])) if sightings else 0.0
     if clusters == "radius":
         return _within_radius(time, sightings)
@@ -173,7 +176,7 @@ def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoint
 
 
 class _Clusters:
-    """Clusters in information form, ``Λ = Σ⁻¹`` and ``η = Λ p``."""
+    """Groups of markers in information form, ``Λ = Σ⁻¹`` and ``η = Λ p``."""
 
     def __init__(self) -> None:
         self.information = np.zeros((0, 3, 3))
@@ -181,7 +184,6 @@ class _Clusters:
         self.depths, self.rays = np.zeros(0, int), np.zeros(0, int)
 
     def estimates(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (K, 3) points and (K, 3, 3) covariances."""
         covariance = np.linalg.inv(self.information)
         return (covariance @ self.vector[..., None])[..., 0], covariance
 
@@ -207,7 +209,7 @@ class _Clusters:
         self.rays = np.concatenate([self.rays, np.zeros(int(own.sum()), int)])
 
     def join_rays(self, seen: SensorSightings, rows: np.ndarray) -> np.ndarray:
-        """Add a sensor's rays to the clusters they pass. Return a mask of the remaining rays."""
+        """Add a sensor's rays to the groups that they pass, and return a mask of the remaining rays."""
         origin, direction, sigma = seen.origin, seen.direction[rows], seen.sigma_ray[rows]
         rest = np.ones(len(direction), dtype=bool)
         if not len(self.vector) or not len(direction):
@@ -249,12 +251,12 @@ class _Clusters:
 
 
 def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the (N,) values ``Δᵀ Σ⁻¹ Δ`` for differences (N, 3) and covariances (N, 3, 3)."""
+    """Return the (N,) values ``Δᵀ Σ⁻¹ Δ`` of differences (N, 3) with covariances (N, 3, 3)."""
     return (off * np.linalg.solve(covariance, off[..., None])[..., 0]).sum(-1)
 
 
 def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints:
-    """Return the mean and covariance of each group within ``radius_m``, as in the published method."""
+    """Fuse markers within ``radius_m`` to their mean, as in the published method."""
     deep = [np.isfinite(s.depth) for s in sightings]
     points = np.concatenate([np.zeros((0, 3)), *(s.points[d] for s, d in zip(sightings, deep, strict=True))])
     covariance = np.concatenate([np.zeros((0, 3, 3)), *(s.covariance[d] for s, d in zip(sightings, deep, strict=True))])
@@ -277,7 +279,7 @@ WAITING, MOST_FINDINGS = 30, 1000  # Maximum numbers of frames per queue and of 
 
 @dataclass(frozen=True)
 class Finding:
-    """An event that concerns a sensor."""
+    """A diagnostic about a sensor at some time."""
 
     kind: str  # 'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error code.
     sensor: int
@@ -286,12 +288,12 @@ class Finding:
 
     @property
     def message(self) -> str:
-        """Text that describes the finding."""
+        """The diagnostic as a sentence."""
         return sentence(self.found)
 
 
 class Gatherer:
-    """Groups frames that sensors took at the same time, to within half of ``period_s``.
+    """Groups frames that sensors took at the same time, to within half of ``period_s``, into moments.
 
     A moment waits for its last sensor for at most ``wait_s`` on the host's clock, or without limit if it is None.
     """
@@ -308,7 +310,7 @@ class Gatherer:
         self.findings: list[Finding] = []
 
     def push(self, seen: SensorSightings) -> None:
-        """Add a frame. If its times are invalid, it is reported and dropped."""
+        """Add a sensor's frame. If its times are invalid, it is reported and dropped."""
         if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
             self._report("time_jumped", seen, "sensor_time_wrong", problem="missing")
             return
@@ -347,7 +349,7 @@ class Gatherer:
         return len(self._queues[index])
 
     def ended(self, index: int) -> None:
-        """Record that a sensor will deliver no more frames."""
+        """Mark a sensor as ended, so that no moment waits for its frames."""
         self._ended[index] = True
 
     def moments(self, now: float | None = None) -> list[list[SensorSightings]]:
@@ -391,7 +393,7 @@ _LONGEST_STEP_S = 0.5  # Time step in seconds above which tracks restart. Chosen
 
 @dataclass(frozen=True)
 class TrackedPoints:
-    """N points at one time, and the tracks they belong to."""
+    """N points at one time with the tracks that they belong to."""
 
     time: float
     points: np.ndarray  # (N, 3) world positions in metres, as measured in this frame.
@@ -401,14 +403,14 @@ class TrackedPoints:
 
 
 class MarkerTracks:
-    """Constant-velocity Kalman filters for all tracks (Bar-Shalom and Li 1993)."""
+    """Tracks markers with one constant-velocity Kalman filter each (Bar-Shalom and Li 1993)."""
 
     def __init__(self) -> None:
         self._next = 0
         self.clear()
 
     def clear(self) -> None:
-        """Delete all tracks. Their numbers are never reused."""
+        """Delete all tracks. Their numbers are not used again."""
         self._time: float | None = None
         self._state = np.zeros((0, 6))
         self._covariance = np.zeros((0, 6, 6))
@@ -480,18 +482,18 @@ class MarkerTracks:
 
 
 _MOST_UNSEEN, _PAUSE = 20, 36_000
-"""Maximum number of frames in a take: this many per moment with markers, plus a constant. More frames mean that the
-times are wrong. With milliseconds in place of seconds, three moments would need 6 GB. Chosen by hand."""
+"""Maximum number of frames of a take: a multiple of the frames with markers, plus a constant. More frames mean that the
+times are wrong. With milliseconds in place of seconds, three frames would need 6 GB. Chosen by hand."""
 
 
 def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
-    """Build a marker cloud with equal frame intervals.
+    """Build a marker cloud with equal frame intervals from tracked points.
 
-    A track is a marker if its log-odds ever exceeded 0. It takes the first free column. The cloud's residual is the
+    A track is a marker if its log-odds ever exceeded 0. It occupies the first free column. The cloud's residual is the
     standard deviation of each point, ``√(tr Σ / 3)``.
 
     Raises:
-        RecordingInvalid: the moments are so far apart that most frames would be empty.
+        RecordingInvalid: the times are so far apart that most frames would be empty.
     """
     if not sum(len(moment.points) for moment in moments):
         return MarkerCloud(np.full((0, 0, 3), np.nan), fps)
@@ -521,7 +523,7 @@ def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
 
 
 def _columns(rows: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
-    """Return a column for each of ``count`` tracks: the first one that no current track uses."""
+    """Assign each of ``count`` tracks to the first column without a simultaneous track."""
     first, last = np.full(count, np.iinfo(int).max), np.full(count, -1)
     np.minimum.at(first, track, rows)
     np.maximum.at(last, track, rows)

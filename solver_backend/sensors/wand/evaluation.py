@@ -1,4 +1,4 @@
-"""Report the result of a wand calibration: values, warnings, text lines and a page."""
+"""Report a wand calibration: values, warnings, text lines and a page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solver_backend.sensors.wand.gamma import Ground
 from solver_backend.sensors.wand.views import LEAST_IN_CELL, Coverage, Moments, Wand, WandView
 from solver_backend.videos.sync.clocks import Clocks
 
-GOOD_PX, LATE_S = 1.0, 0.001  # Errors (pixels) and delays (seconds) above these are reported. Chosen by hand.
+GOOD_PX, LATE_S = 1.0, 0.001  # Largest error (pixels) and delay (seconds) without a warning. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,14 @@ class WandCalibration:
     coverage: Coverage
 
     def sensor_line(self, c: int) -> str:
-        """Describe a sensor's error, position and standard deviations."""
+        """Describe a sensor's error, position and standard deviations in a line of text."""
         array = self.array
         x, y, z = np.round(array.cameras.centres[c], 3) + 0.0
         spread = f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°"
         return f"{array.camera_rmse_px[c]:.2f} px, at ({x:.3f}, {y:.3f}, {z:.3f}) m {spread}"
 
     def lines(self) -> list[str]:
-        """Return one line of text per result."""
+        """Describe the calibration in lines of text."""
         array, cameras = self.array, self.array.cameras
         held_out = f", {self.held_out_px:.2f} px held out" if np.isfinite(self.held_out_px) else ""
         how = f"by {array.method} at {self.moments} moments"
@@ -69,7 +69,7 @@ class WandCalibration:
         return lines + [f"  finding     {sentence(found)}" for found in array.findings]
 
     def as_dict(self) -> dict[str, object]:
-        """Return the result as JSON values, in which unknown numbers are None."""
+        """Return the calibration as JSON values. Unknown numbers are None."""
         array = self.array
         of_cameras: dict[str, Iterable[object]] = {"name": array.cameras.names, "rmse_px": array.camera_rmse_px}
         of_cameras |= {"centre_sigma_mm": 1e3 * array.centre_sigma_m, "turn_sigma_deg": np.degrees(array.turn_sigma)}
@@ -85,7 +85,7 @@ class WandCalibration:
 
 
 def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
-    """Transform the result to the world that a Γ defines."""
+    """Transform a wand calibration to the world that a Γ of markers on the floor defines."""
     array = moved_world(found.array, ground.R, ground.t)
     note = diagnostic("world_origin", source="gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
     array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))
@@ -95,7 +95,7 @@ def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
 def findings_of(
     views: Sequence[WandView], array: CalibratedCameras, clocks: Clocks, options: WandOptions
 ) -> tuple[Diagnostic, ...]:
-    """Return warnings about the calibration."""
+    """Return warnings about a wand calibration: other lights, large errors and different clocks."""
     found = [item for view in views for item in view.findings]
     for view in views:
         if view.crowded:
@@ -113,7 +113,7 @@ def findings_of(
 def notes_of(
     moments: Moments, together: np.ndarray, names: tuple[str, ...], options: WandOptions
 ) -> tuple[Diagnostic, ...]:
-    """Return notes about the calibration."""
+    """Return notes about a wand calibration: its evidence and its world origin."""
     i, j = np.unravel_index(np.argmin(together + 1e9 * np.eye(len(names))), together.shape)
     wand = "marker"
     if options.wand is not None:
@@ -126,7 +126,7 @@ def notes_of(
 
 
 def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
-    """Return the report as HTML. It includes the up axis and the floor if there was a Γ."""
+    """Return the report page of a wand calibration as HTML, with the floor if a Γ was recorded."""
     array, names = found.array, found.array.cameras.names
     head = [
         Tile("Held-out error", number(found.held_out_px, 2), "px", "in time ranges that were not fitted"),

@@ -1,4 +1,4 @@
-"""Find the up axis, floor and origin from three markers that form a Γ on the floor."""
+"""Find the up axis, floor and origin from a Γ of three markers on the floor."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from solver_backend.types.shapes import Float
 LENGTH_TOLERANCE_M = 0.025  # Largest difference between the length of an edge and its given length, in metres.
 ANGLE_TOLERANCE_DEG = 5.0  # Largest deviation of the corner from a right angle.
 LEAST_RATIO = 1.15  # Smallest ratio between the long and the short edge.
-LEAST_FRAMES = 5  # Minimum number of moments in which the Γ is seen. Chosen by hand.
-MOST_POINTS = 24  # Maximum number of points in a frame. If there are more, lamps should be covered.
+LEAST_FRAMES = 5  # Minimum number of frames with the Γ. Chosen by hand.
+MOST_POINTS = 24  # Maximum number of points in a frame. Frames with more, for example because of lamps, are skipped.
 FRAMES_PER_NEWS = 3.0  # Number of consecutive frames whose errors are correlated. Chosen by hand.
 SHARED_SIGMA_M = 0.5e-3  # Marker error in metres that does not average out, in a well calibrated array.
 _ROUNDS = 20  # Maximum number of iterations. Chosen by hand.
@@ -38,7 +38,7 @@ class GammaInvalid(MocapError):
 
 @dataclass(frozen=True)
 class Gamma:
-    """A Γ made of three markers."""
+    """A Γ of three markers: a right angle with a long and a short edge."""
 
     long_m: float = 0.6  # Distance in metres between the marker centres on the long edge.
     short_m: float = 0.4
@@ -75,11 +75,10 @@ class Ground:
 def ground_from_gamma(
     clouds: Sequence[Float[np.ndarray, "points 3"]], gamma: Gamma, sensors: Float[np.ndarray, "sensors 3"]
 ) -> Ground:
-    """Return the up axis, floor and origin from the robust mean of points that fit the Γ.
+    """Compute the up axis, floor and origin from the robust mean of the points that match a Γ.
 
-    Each cloud contains the (N, 3) points of one moment in metres and may include other points. Up is ``u × v / |u ×
-    v|`` for the long edge u and the short edge v. The (C, 3) sensors must be above the floor, which reveals a mirrored
-    Γ.
+    Each cloud contains the (N, 3) points of one frame in metres, including any other points. Up is ``u × v / |u × v|``
+    for the long edge u and the short edge v. The (C, 3) sensors must be above the floor, which reveals a mirrored Γ.
 
     Raises:
         GammaNotFound: too few clouds contain the Γ.
@@ -110,7 +109,6 @@ def ground_from_gamma(
 
 
 def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
-    """Pad clouds with NaN to (F, N, 3). Clouds that have too many points become empty."""
     sizes = [len(cloud) if len(cloud) <= MOST_POINTS else 0 for cloud in clouds]
     padded = np.full((len(clouds), max(sizes, default=0), 3), np.nan)
     for f, size in enumerate(sizes):
@@ -119,7 +117,7 @@ def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
-    """Find the Γ in each cloud. Return the (F,) mask of clouds that contain it, and the (F, 3, 3) corners and ends."""
+    """Return the (F,) mask of clouds with a Γ, and its (F, 3, 3) corner, long end and short end."""
     F, N, _ = clouds.shape
     found, triples = np.zeros(F, bool), np.full((F, 3, 3), np.nan)
     if N < 3:
@@ -145,7 +143,7 @@ def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the robust (3, 3) mean of (F, 3, 3) positions, and the covariances of the means."""
+    """Return the robust mean (3, 3) of positions (F, 3, 3), and the covariances of the means."""
     mean = np.median(triples, axis=0)
     spread = np.maximum(1.4826 * np.median(np.linalg.norm(triples - mean, axis=-1), axis=0) / 1.54, 1e-5)
     weight = np.ones(triples.shape[:2])
@@ -168,12 +166,12 @@ def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(across @ np.asarray(total) @ across)[-1]) / np.linalg.norm(w))
 
 
-MEETING_PX = 4.0  # Two camera rays intersect if their midpoint projects to within this distance of both pixels.
-MOST_MOMENTS = 300  # Maximum number of moments used, spread over the recording.
+MEETING_PX = 4.0  # Largest reprojection error in pixels of the midpoint of two intersecting camera rays.
+MOST_MOMENTS = 300  # Maximum number of frames used, spread over the recording.
 
 
 def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
-    """Read the tables in a folder. Return the points of each moment in metres, in the cameras' world.
+    """Read the tables of a Γ recording as point clouds, one per frame, in the cameras' world in metres.
 
     A cloud contains the points that one sensor saw with depth, or all intersections between the rays of two cameras.
     Most of these intersections are false. The edge lengths of the Γ select the true ones.
@@ -204,10 +202,10 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
 def _depth_clouds(
     cameras: Cameras, camera: int, times: np.ndarray, px: np.ndarray, depth_m: np.ndarray
 ) -> list[np.ndarray]:
-    """Return the (N, 3) points in metres that one sensor saw at each moment.
+    """Return the (N, 3) points in metres that one sensor saw in each frame.
 
-    Each row contains a time, a pixel and a depth along the axis in metres. Rows with equal times form one moment. Rows
-    without a positive depth are skipped.
+    Each row contains a time, a pixel and a depth along the axis in metres. Rows with equal times belong to one frame.
+    Rows without a positive depth are skipped.
     """
     known = np.isfinite(px).all(1) & (px >= 0).all(1) & (depth_m > 0)
     times, px, depth_m = times[known], px[known], depth_m[known]
@@ -220,7 +218,7 @@ def _depth_clouds(
 
 
 def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarray]:
-    """Return up to nine (9, 3) intersections between the rays of two cameras at each time they have in common."""
+    """Return up to nine (9, 3) ray intersections of each camera pair for each time that both have."""
     clouds: list[np.ndarray] = []
     for a, b in combinations(sorted(lights), 2):
         times, first, second = np.intersect1d(lights[a][:, 0], lights[b][:, 0], return_indices=True)
@@ -231,7 +229,7 @@ def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarra
 
 
 def _of_pair(pair: Cameras, px: np.ndarray) -> list[np.ndarray]:
-    """Intersect every spot in one camera with every spot in the other, given (2, F, 3, 2) pixels."""
+    """Intersect each ray of one camera with each ray of another, given (2, F, 3, 2) pixels."""
     flat = undistort(pair, px)
     i, j = (grid.ravel() for grid in np.meshgrid(range(3), range(3), indexing="ij"))
     both = np.stack([flat[0][:, i], flat[1][:, j]])

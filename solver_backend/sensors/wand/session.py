@@ -1,4 +1,4 @@
-"""Calibrate sensors and their clocks from views of a waved wand."""
+"""Calibrate sensors and their clocks from recordings of a waved wand."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ from solver_backend.videos.sync.synchronise import PIECE_S, REACH_S, ROLLING_SHU
 
 SIGMA_PX = 0.3  # Standard deviation in pixels of a detected light or marker. It sets the robust scales.
 STEPS, TOLERANCE = 60, 1e-6
-HELD_OUT_BLOCKS = 10  # Number of time ranges into which a recording is divided. Every fifth one is held out.
+HELD_OUT_BLOCKS = 10  # Number of time ranges of a recording. Every fifth one is held out.
 
 
 @dataclass(frozen=True)
 class WandTask:
-    """Input of the bundle adjustment."""
+    """Input of the bundle adjustment for a wand."""
 
     cameras: Cameras  # C cameras with their lenses and initial poses.
     lights: np.ndarray  # (K, 3) positions in metres relative to the wand's centre, zero for a single marker.
@@ -70,13 +70,13 @@ class WandTask:
 
 
 def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cameras:
-    """Return the cameras that belong to the views, at the given poses."""
+    """Build cameras from the lenses of the views and the given poses."""
     R, t = np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
     return build_cameras([view.name for view in views], [view.lens for view in views], R, t)
 
 
 def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
-    """Minimise the reprojection error of a rigid wand or a marker. Return the result and the moments that were used.
+    """Refine cameras and wand poses by bundle adjustment. Return the result and the frames that were used.
 
     The world has the first sensor's axes. A single marker does not determine the scale (see ``depth_scale``).
 
@@ -102,23 +102,23 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
 
 
 def triangulated(cameras: Cameras, moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Triangulate the lights, whose delays are known. Return (M, K, 3) positions in metres."""
+    """Triangulate the lights, with known camera delays. Return (M, K, 3) positions in metres."""
     px = in_step_px(moments, delays)
     flat = undistort(cameras, px)
     return intersected(cameras.R, cameras.t, flat.reshape(len(cameras), -1, 2)).reshape(*px.shape[1:3], 3)
 
 
 def in_step_px(moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Correct pixels for the delays of the views, ``px - v δ``. Return (C, M, K, 2) pixels."""
+    """Correct the pixels (C, M, K, 2) of moving lights for the camera delays, ``px - v δ``."""
     return moments.px - moments.velocity * delays[:, None, None, None] if delays.any() else moments.px
 
 
 def held_out(count: int) -> np.ndarray:
-    """Return the (M,) mask of the held-out moments, which form separate time ranges."""
+    """Return the (M,) mask of the held-out frames, which form separate time ranges."""
     return np.arange(count) * HELD_OUT_BLOCKS // max(count, 1) % 5 == 2
 
 
-LEAST_TOGETHER = 20  # Minimum number of moments that a pair of sensors must have in common.
+LEAST_TOGETHER = 20  # Minimum number of frames that a pair of sensors must have in common.
 HYPOTHESES = 200  # Number of random samples of three point pairs.
 _REFINEMENTS = 15  # Number of reweighted alignments. Chosen by hand.
 START_SIGMA_PX = 2.0  # Initial scale in pixels of the distances from epipolar lines.
@@ -129,10 +129,9 @@ def robust_umeyama(
 ) -> tuple[Pose, np.ndarray]:
     """Return the rigid transform from source to target points (n, 3), and the (n,) mask of inliers.
 
-    Samples of three pairs provide hypotheses. One of them is selected and refined with Cauchy's penalty on ``|R x + t -
-    y| / σ``. ``sigma`` (n,) are the standard deviations of the distances between paired points. Lengths are in metres.
-
-    Reference: Umeyama 1991, Fischler and Bolles 1981 (random samples).
+    Samples of three pairs provide hypotheses (Fischler and Bolles 1981). The best one is refined with Cauchy's penalty
+    on ``|R x + t - y| / σ`` (Umeyama 1991). ``sigma`` (n,) are the standard deviations of the distances between paired
+    points. Lengths are in metres.
     """
     picks = np.stack([rng.permutation(len(source))[:3] for _ in range(HYPOTHESES)])
     _, R, t = umeyama(source[picks], target[picks])
@@ -165,7 +164,7 @@ def _poses_by_depth(
 def _poses_by_lights(
     names: Sequence[str], flat: np.ndarray, focal_px: float, wand: Wand, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return each camera's pose relative to the first. The wand's lengths set the scale in metres.
+    """Estimate each camera's pose relative to the first. The wand's lengths set the scale in metres.
 
     ``flat`` contains (C, M, 3, 2) undistorted normalised coordinates of the ordered lights, NaN where missing.
     """
@@ -182,7 +181,7 @@ def _poses_by_lights(
 
 
 def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Raise WandInvalid if the short part of the (3,) measured distances deviates from the wand's by 10 %."""
+    """Raise WandInvalid if the middle light divides the (3,) measured distances differently, by over 10 %."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         message = f"The middle light divides the wand at {share:.3f}, but the lengths give {wand.short_share:.3f}."
@@ -205,9 +204,10 @@ ROUNDS = 20  # Number of reweighting iterations. Chosen by hand.
 
 
 def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
-    """Return the scale ``s`` that solves ``min Σ ρ((d - s z) / σ(d))``, its standard deviation, and the scatter.
+    """Return the scale ``s`` of a reconstruction that solves ``min Σ ρ((d - s z) / σ(d))`` for depths d.
 
-    ``at`` (M, 3) is the marker in the world of the images. ``depth_m`` (C, M) are its measured depths along the axes.
+    Also return its standard deviation, and the scatter of the depths in metres. ``at`` (M, 3) are marker positions in
+    the unscaled world. ``depth_m`` (C, M) are the measured depths along the axes.
 
     Reference: Beaton and Tukey 1974 (iterative reweighting, here with Cauchy's weights).
     """
@@ -255,7 +255,7 @@ def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[Cal
 def _held_out_errors(
     task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
 ) -> tuple[float, np.ndarray]:
-    """Return the error in held-out time ranges in pixels, and the errors of the (3,) lengths in metres."""
+    """Return the errors in held-out time ranges: in pixels, and of the (3,) wand lengths in metres."""
     out = held_out(moments.px.shape[1])
     if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
         return float("nan"), np.full(3, np.nan)
@@ -274,9 +274,9 @@ def _held_out_errors(
 FLOOR_S = 0.004  # Shift of a speed peak by perspective, in seconds.
 CLIP_SIGMAS = 3.0  # Speeds are clipped at this many standard deviations. Chosen by hand.
 SMOOTHING_S = 0.06  # Standard deviation in seconds of the filter that smooths the wand's path.
-SLOWEST_M_S = 0.05  # Speed in m/s below which the wand is considered still.
-LEAST_CORRELATION = 0.5  # Smallest correlation between two speeds that is used.
-MOST_MOMENTS = 900  # Maximum number of moments that are solved, spread over the recording.
+SLOWEST_M_S = 0.05  # Speed in m/s of a wand that counts as still.
+LEAST_CORRELATION = 0.5  # Smallest correlation between two speeds that determines an offset.
+MOST_MOMENTS = 900  # Maximum number of frames that are solved, spread over the recording.
 
 
 def flat_of(view: WandView) -> np.ndarray:
@@ -285,10 +285,10 @@ def flat_of(view: WandView) -> np.ndarray:
 
 
 def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Estimate the clocks to within about a frame from the wand's speed, which does not depend on axes.
+    """Estimate the sensors' clocks to within about a frame by correlating the wand's speed.
 
     The lights in each view are in the wand's order. ``wand`` provides distances if there is no depth. If the speeds
-    show no clear offset, the clocks are assumed equal and a note is added.
+    show no clear offset, the clocks are assumed equal, and a note is added.
     """
     names, signals = tuple(view.name for view in views), [_speed(view, wand) for view in views]
     lags = {"reach_s": reach_s, "piece_s": PIECE_S, "floor_s": FLOOR_S, "least": LEAST_CORRELATION}
@@ -302,7 +302,7 @@ def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) 
 
 
 def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:
-    """Sample all views at the frame times of the first one, and keep the moments that at least two views saw."""
+    """Sample all views at the first one's frame times. Keep the moments that at least two sensors saw."""
     wanted = clocks.from_video(0, views[0].times_s)
     columns = []
     for c, view in enumerate(views):
@@ -339,25 +339,25 @@ def _speed(view: WandView, wand: Wand | None) -> Signal:
     )
 
 
-MOST_CROWDED = 0.5  # A recording is rejected if a larger fraction of its frames shows other lights. Chosen by hand.
-LATE_FRAMES = 0.25  # Delay in frames above which moments are sampled again. Chosen by hand.
+MOST_CROWDED = 0.5  # Largest fraction of frames with other lights in a usable recording. Chosen by hand.
+LATE_FRAMES = 0.25  # Largest delay in frames without sampling the views again. Chosen by hand.
 
 
 def calibrate_by_wand(
     views: Sequence[WandView], options: WandOptions = WandOptions(), progress: Progress = silent
 ) -> WandCalibration:
-    """Calibrate the poses of sensors from a wand that all of them saw.
+    """Calibrate the poses of sensors from a waved wand that all of them saw.
 
     The clocks are either given, or estimated from the wand's speed and refined by the adjustment. The relative pose of
     two sensors comes from aligned points, or from an essential matrix and the wand's lengths. These poses are chained.
     Finally, a sparse bundle adjustment refines everything.
 
     Raises:
-        WandNotSeen: a sensor saw it in too few frames, or too rarely together with another one.
+        WandNotSeen: a sensor saw the wand in too few frames, or too rarely together with another one.
         WandAmbiguous: most frames show other lights.
         WandInvalid: the wand differs from the given description.
 
-    Reference: thesis 5.3.2, "Spatial Alignment"; Gossard et al. 2024 (three lights without depth).
+    Reference: thesis 5.3.2, "Spatial Alignment". Gossard et al. 2024 (three lights without depth).
     """
     names = tuple(view.name for view in views)
     _require_seen(views)
@@ -411,7 +411,6 @@ def _require_seen(views: Sequence[WandView]) -> None:
 
 
 def _with_lights(view: WandView, wand: Wand) -> WandView:
-    """Return a view whose lights are in the wand's order."""
     order, sure = identified(wand, flat_of(view), SIGMA_PX / float(view.lens.K[0, 0]))
     seen = np.isfinite(view.px).all((1, 2))
     if sure.sum() < (1.0 - MOST_CROWDED) * seen.sum():
@@ -452,7 +451,7 @@ def _task(views: Sequence[WandView], moments: Moments, options: WandOptions, del
 
 
 def _later(clocks: Clocks, found: Adjusted) -> Clocks:
-    """Add delays δ to the clocks. At time t, a late sensor shows what happened at ``t + δ``."""
+    """Add the estimated delays δ to the clocks. At time t, a late sensor shows the scene at ``t + δ``."""
     count = len(found.cameras)
     variance = np.diag(found.covariance).reshape(count, CAMERA_PARAMETERS)[:, -1]
     covariance = np.zeros((count, 2, 2))

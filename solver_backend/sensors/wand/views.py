@@ -1,4 +1,4 @@
-"""Read wand recordings, identify the wand's lights in each view, and measure how much of each image is covered."""
+"""Read wand recordings, identify the wand's lights, and measure its coverage of the images."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ class TimesInvalid(MocapError):
     """The timestamps in a recording do not increase."""
 
 
-LARGEST_LEFT_OUT = 0.2  # A recording is rejected if a larger fraction of its rows goes back in time. Chosen by hand.
+LARGEST_LEFT_OUT = 0.2  # Largest fraction of rows that go back in time in a usable recording. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class WandView:
-    """Recording of a wand with K lights by one sensor."""
+    """One sensor's recording of a wand with K lights."""
 
     name: str
     lens: Lens
     times_s: Float[np.ndarray, " frames"]  # (F,) increasing times in seconds on the sensor's clock.
     px: Float[np.ndarray, "frames lights 2"]
-    """(F, K, 2) pixels, NaN where a light is missing and in frames that show other lights."""
+    """(F, K, 2) pixels, NaN where a light is missing or other lights are visible."""
     depth_m: Float[np.ndarray, "frames lights"] | None = None
     """(F, K) depth in metres along the optical axis, NaN where unknown. None if the sensor has no depth."""
     crowded: int = 0  # Number of frames that show other lights.
@@ -77,7 +77,7 @@ class WandView:
 
 @dataclass(frozen=True)
 class Moments:
-    """C views at M times they have in common."""
+    """Recordings of C sensors, sampled at M common times."""
 
     times_s: Float[np.ndarray, " moments"]  # (M,) times in seconds on the first view's clock.
     px: Float[np.ndarray, "views moments lights 2"]  # (C, M, K, 2) pixels, NaN where missing.
@@ -86,16 +86,16 @@ class Moments:
 
     @property
     def seen(self) -> Bool[np.ndarray, "views moments"]:
-        """(C, M) mask of the moments in which a view shows the whole wand."""
+        """(C, M) mask of the times at which a sensor sees the whole wand."""
         return np.isfinite(self.px).all((-1, -2))
 
     def where(self, chosen: np.ndarray) -> Moments:
-        """Select moments by a mask or by their indices."""
+        """Select some of the common times by a mask or by their indices."""
         return Moments(self.times_s[chosen], self.px[:, chosen], self.velocity[:, chosen], self.depth_m[:, chosen])
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Remove rows that are not later than all rows before them. Raise TimesInvalid if the times are impossible."""
+    """Remove rows that go back in time. Raise ``TimesInvalid`` if there are too many, or times span too long."""
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
     good = np.isfinite(times) & (times > before)
@@ -117,7 +117,7 @@ def with_growing_times(view: WandView) -> WandView:
     return replace(view, times_s=times[good], px=view.px[good], depth_m=depth, findings=findings)
 
 
-SURE_SHARE = 0.43  # Largest share of the shorter part in the visible wand at which the ends can be told apart.
+SURE_SHARE = 0.43  # Largest fraction of the shorter part in the visible wand that still distinguishes the ends.
 STRAIGHT, STRAIGHT_SIGMAS = 0.03, 4.0
 """Largest distance from the middle light to the line through the other two: as a fraction of the visible wand, or in
 standard deviations of a pixel position."""
@@ -161,16 +161,16 @@ class Wand:
 
 
 def distances(lights: Float[np.ndarray, "*batch 3 axes"]) -> Float[np.ndarray, "*batch 3"]:
-    """For ordered lights, return the distances first to middle, middle to third, and first to third."""
+    """Return the (..., 3) distances between ordered lights: 1 to 2, 2 to 3, and 1 to 3."""
     return np.linalg.norm(lights[..., [1, 2, 2], :] - lights[..., [0, 1, 0], :], axis=-1)
 
 
 def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F, 3) indices of the wand's lights, and the (F,) mask of frames in which they are certain.
+    """Return the (F, 3) indices of the wand's lights, and the (F,) mask of frames with certain lights.
 
-    The middle light lies between the other two. The end of the shorter part is nearer to it, unless the wand points at
-    the camera and perspective reverses this. ``flat`` are undistorted normalised coordinates in any order, whose
-    standard deviation is ``sigma``. They are NaN if fewer than three lights are visible.
+    The middle light is between the other two. The end of the shorter part is nearer to it, unless the wand points at
+    the camera and perspective reverses this. ``flat`` are undistorted normalised coordinates in any order with the
+    standard deviation ``sigma``. They are NaN if fewer than three lights are visible.
     """
     rows = np.arange(len(flat))
     known = np.isfinite(flat).all((-1, -2))
@@ -194,14 +194,14 @@ def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) 
 
 
 def in_order(px: Float[np.ndarray, "frames 3 2"], order: np.ndarray, sure: np.ndarray) -> np.ndarray:
-    """Return (F, 3, 2) spots in the wand's order, with NaN in uncertain frames."""
+    """Sort spots (F, 3, 2) in the wand's order. Uncertain frames are NaN."""
     return np.where(sure[:, None, None], np.take_along_axis(px, order[..., None], axis=1), np.nan)
 
 
 def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Float[np.ndarray, "frames 3"]:
-    """Return the (F, 3) position of the middle light in camera axes in metres, from each image separately.
+    """Estimate the (F, 3) position of the middle light in camera axes in metres, from single images.
 
-    The lights lie on a line, so ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``. The null vector of the
+    The lights are on a line, so ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``. The null vector of the
     three rays gives the ratios between the depths, and the wand's length gives the scale. The depths are approximate.
     ``flat`` are undistorted normalised coordinates in the wand's order, NaN where missing.
     """
@@ -223,10 +223,10 @@ LONGEST_GAP = 1.5  # Longest interval across which values are interpolated, in u
 def values_and_velocities(
     values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values of a track at other times, and its rates of change at the nearest frames.
+    """Interpolate a track (F, ...) at other times, and return its velocity at the nearest frames.
 
-    Between frames, values (F, ...) at increasing times in seconds are interpolated by cubic Hermite polynomials whose
-    slopes are central differences (Catmull and Rom 1974). Results are NaN if a required frame is missing.
+    Cubic Hermite polynomials interpolate between frames, with central differences as slopes (Catmull and Rom 1974).
+    Results are NaN if a required frame is missing.
     """
     count = len(times_s)
     shape = (len(wanted_s), *values.shape[1:])
@@ -255,7 +255,7 @@ def values_and_velocities(
 
 
 def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray:
-    """Return (F, ...) central differences, with NaN at the ends, in gaps and next to missing frames."""
+    """Return (F, ...) central differences. They are NaN at the ends, in gaps and next to missing frames."""
     slope = np.full(values.shape, np.nan)
     if len(values) < 3:
         return slope
@@ -267,14 +267,14 @@ def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray
 
 
 COLUMNS, ROWS = 6, 4  # Number of cells across and down an image.
-LEAST_IN_CELL = 5  # Number of sightings from which a cell counts as covered. Chosen by hand.
-CELL_M = 0.5  # Edge length in metres of the cells into which space is divided.
+LEAST_IN_CELL = 5  # Smallest number of sightings in a covered image cell. Chosen by hand.
+CELL_M = 0.5  # Edge length in metres of the cells of the capture volume.
 _ACROSS, _DOWN = ("left", "middle", "right"), ("top", "middle", "bottom")
 
 
 @dataclass
 class Coverage:
-    """Number of wand sightings in each part of the images and of space. Each call of ``add`` increases them."""
+    """Number of wand sightings in each part of the images and of the capture volume."""
 
     names: tuple[str, ...]
     size_px: Int[np.ndarray, "views 2"]  # (C, 2) image width and height.
@@ -300,11 +300,11 @@ class Coverage:
 
     @property
     def volume_m3(self) -> float:
-        """Volume in m³ of the cells in which the wand was located."""
+        """Volume in m³ of the cells that contained the wand."""
         return len(self.volume) * CELL_M**3
 
     def next_place(self) -> str:
-        """Return the least covered part of the least covered image, or an empty string if all are covered."""
+        """Describe the least covered part of the least covered image. Return "" if all are covered."""
         open_cells = self.pictures < LEAST_IN_CELL
         if not open_cells.any():
             return ""
@@ -317,7 +317,7 @@ class Coverage:
         return f"Wave in the {place} of {self.names[c]}'s view, of which {1 - self.shares[c]:.0%} is not covered."
 
     def lines(self) -> list[str]:
-        """Return one row per sensor that shows its image cells: ``#`` covered, ``+`` seen, ``.`` not covered."""
+        """Return one line per sensor that shows its image cells: ``#`` covered, ``+`` seen, ``.`` not seen."""
         rows = []
         for name, grid, share in zip(self.names, self.pictures, self.shares, strict=True):
             marks = ["".join("#" if n >= LEAST_IN_CELL else "+" if n else "." for n in row) for row in grid]
@@ -333,7 +333,7 @@ def is_sensor_folder(path: Path) -> bool:
 def sensor_views(
     folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
 ) -> list[WandView]:
-    """Return the sensors' views of a single marker. Frames that show several markers count as crowded.
+    """Read the sensors' recordings of a single marker. Frames with several markers count as crowded.
 
     Raises:
         PicturesDiffer: infrared images, depth images and calibration have different sizes.
@@ -358,7 +358,7 @@ def sensor_views(
 
 
 def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> list[np.ndarray]:
-    """For each sensor, return the (N, 3) points in metres of all frames that show three or more."""
+    """Return the (N, 3) points in metres of each sensor's frames with three or more markers."""
     folder, masks = open_folder(path), {} if empty is None else masks_of(open_folder(empty))
     clouds = []
     for name in folder.cameras.names:
@@ -372,7 +372,7 @@ def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> li
 def sightings_of(
     folder: SensorFolder, cameras: Cameras, name: str, masks: Mapping[str, np.ndarray] = MappingProxyType({})
 ) -> Iterator[SensorSightings]:
-    """Yield the sightings of one sensor, or nothing if the folder does not contain the sensor."""
+    """Yield the markers that one sensor sees in each frame, or nothing if the folder lacks the sensor."""
     device = next((device for device in folder.devices if device.name == name), None)
     if device is None:
         return
@@ -386,12 +386,12 @@ LIGHTS_COLUMNS, DEPTH_COLUMNS = 7, 4
 
 
 def points_files(folder: Path) -> list[Path]:
-    """Return the tables in a folder, sorted by name in natural order."""
+    """Return the point tables (.csv) in a folder, in natural order."""
     return sorted(folder.glob("*.csv"), key=lambda path: natural_key(path.name)) if folder.is_dir() else []
 
 
 def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -> list[WandView]:
-    """Read a folder that contains ``NAME.csv`` and a lens for each sensor. Return the views.
+    """Read the wand tables ``NAME.csv`` in a folder, with a lens for each sensor.
 
     Raises:
         FileMissing: there is no table.
@@ -409,7 +409,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
 
 
 def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
-    """Return a sensor's lens from ``lenses`` or from a file next to the table."""
+    """Return a sensor's lens, from ``lenses`` or from a file next to its table."""
     name = path.stem
     if lenses is not None and name in lenses:
         return lenses[name]
@@ -421,7 +421,7 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
 
 
 def read_table(path: Path) -> tuple[np.ndarray, bool]:
-    """Return the rows of a table (moments or markers), and whether they include depth."""
+    """Read the rows of a wand or Γ table, and return whether they include depth."""
     text = read_text(path)
     first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
     with_depth = first == DEPTH_HEADER
@@ -441,7 +441,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
 
 
 def _view(path: Path, lens: Lens) -> WandView:
-    """Return the view stored in a table. Times for which a marker has several rows count as crowded."""
+    """Read a sensor's wand table. Times with several rows count as crowded."""
     table, with_depth = read_table(path)
     if not with_depth:
         px = table[:, 1:].reshape(-1, 3, 2)
@@ -458,7 +458,7 @@ def _view(path: Path, lens: Lens) -> WandView:
 def wand_views(
     folder: Path, lenses: Path | None, *, lights: bool, empty: Path | None = None, progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of a wand. The lenses come from ``lenses`` or from files next to the tables.
+    """Read the recordings of a wand, with lenses from ``lenses`` or from files next to the tables.
 
     Raises:
         FileMissing: there is no recording.
