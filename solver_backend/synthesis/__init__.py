@@ -1,1 +1,1 @@
-"""Create captures with ground truth: the demo, simulated captures and studio data sets."""
+"""Create captures with ground truth: the demo, simulations and rendered data sets."""

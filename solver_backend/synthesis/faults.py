@@ -1,4 +1,4 @@
-"""Simulate capture faults and correlated noise, for the demo, the simulation and the studio.
+"""Define simulated capture faults and correlated noise, for the demo, simulations and the studio.
 
 A fault of size 0 has no effect. Numbers marked "measured" come from ``python -m tests.benchmarks.noise`` on the
 balancing trial in Pose2Sim's example data (Pagnon et al. 2021, four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).
@@ -19,23 +19,23 @@ class DetectorFaults:
 
     view_bias_mm: float = 0.0  # Error that depends on the viewing direction.
     drift_mm: float = 0.0  # Error that is correlated over ``drift_s``.
-    drift_s: float = 0.19  # Time constant of the drift in seconds; measured.
+    drift_s: float = 0.19  # Time constant of the drift in seconds. Measured.
     jitter_mm: float = 0.0  # Error that is independent in each frame.
-    unevenness: float = 0.43  # Log standard deviation of drift and jitter across views and keypoints; measured.
-    occluded_missing: float = 0.0  # Fraction of occluded runs in which nothing is detected.
-    occluded_jitter: float = 2.0  # Factor on drift and jitter in occluded runs that are detected; chosen by hand.
+    unevenness: float = 0.43  # Log standard deviation of drift and jitter across views and keypoints. Measured.
+    occluded_missing: float = 0.0  # Fraction of occluded runs of frames without a detection.
+    occluded_jitter: float = 2.0  # Factor on drift and jitter in occluded runs that are detected. Chosen by hand.
     missing: float = 0.0  # Fraction of detections missed for no reason.
-    burst_s: float = 0.2  # Mean duration of a run of misses in seconds; measured.
+    burst_s: float = 0.2  # Mean duration of a run of misses in seconds. Measured.
     outliers: float = 0.0  # Fraction of detections at a wrong position.
-    outlier_mm: float = 220.0  # Mean distance between an outlier and the true position; measured median 223 mm.
-    outlier_s: float = 0.047  # Mean duration of outlier runs in seconds; measured 2.8 frames at 60 Hz.
+    outlier_mm: float = 220.0  # Mean distance between an outlier and the true position. Measured median 223 mm.
+    outlier_s: float = 0.047  # Mean duration of outlier runs in seconds. Measured 2.8 frames at 60 Hz.
     swaps_per_minute: float = 0.0  # Left-right swaps per minute for each limb pair and view.
     swap_frames: tuple[int, int] = (2, 30)  # Shortest and longest swap in frames.
 
 
 @dataclass(frozen=True)
 class CameraFaults:
-    """Faults of cameras."""
+    """Faults of calibrations and camera clocks."""
 
     calibration_mm: float = 0.0  # Standard deviation per axis of the person's apparent shift in each view.
     delay_frames: float = 0.0  # Largest camera delay. Every camera but the first draws one uniformly from 0 to this.
@@ -48,14 +48,14 @@ class MarkerFaults:
     measurement_mm: float = 0.0  # Standard deviation of the measurement per axis.
     placement_mm: float = 0.0  # Standard deviation per axis of a marker's placement on the body.
     skin_mm: float = 0.0  # Standard deviation per axis of soft tissue motion, correlated over ``skin_s``.
-    skin_s: float = 0.3  # Time constant of the soft tissue motion in seconds; chosen by hand.
+    skin_s: float = 0.3  # Time constant of the soft tissue motion in seconds. Chosen by hand.
     hidden: float = 0.0  # Fraction of samples lost in gaps.
-    hidden_s: float = 0.25  # Mean duration of a gap in seconds; chosen by hand.
+    hidden_s: float = 0.25  # Mean duration of a gap in seconds. Chosen by hand.
     least_views: float = 0.0  # Number of cameras that must see a marker for it to be recorded.
     swaps_per_minute: float = 0.0  # Label swaps between two markers, per minute.
-    swap_s: float = 0.4  # Duration of a swap in seconds; chosen by hand.
+    swap_s: float = 0.4  # Duration of a swap in seconds. Chosen by hand.
     ghosts: float = 0.0  # Fraction of a marker's samples that are replaced by a ghost near the body.
-    ghost_m: float = 0.15  # Standard deviation per axis of the offset from the marker to the ghost; chosen by hand.
+    ghost_m: float = 0.15  # Standard deviation per axis of the offset from the marker to the ghost. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,12 @@ class Faults:
 
     @property
     def of_views(self) -> bool:
-        """True if keypoints are affected."""
+        """True if the faults affect keypoints."""
         return (self.detector, self.anatomy_mm, self.cameras) != (DetectorFaults(), 0.0, CameraFaults())
 
     @property
     def of_markers(self) -> bool:
-        """True if markers are affected."""
+        """True if the faults affect markers."""
         return self.markers != MarkerFaults()
 
 
@@ -100,9 +100,9 @@ def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Ge
 
 
 def bursts(draws: np.ndarray, share: float, length: float) -> np.ndarray:
-    """Turn uniform draws into the mask of a Markov chain. Its runs have mean ``length`` and cover a fraction ``share``.
+    """Convert uniform draws to a mask with runs of mean ``length`` frames that cover a fraction ``share``.
 
-    ``draws`` (C, F, ...) are uniform in 0..1. ``length`` is in frames.
+    The mask is a Markov chain along the frames. ``draws`` (C, F, ...) are uniform in 0..1.
     """
     leave = 1.0 / length
     enter = leave * share / (1.0 - share)

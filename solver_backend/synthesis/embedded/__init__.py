@@ -1,1 +1,1 @@
-"""Create captures with ground truth from an authored motion, cameras on tripods and simulated detectors."""
+"""Create the demo captures from an authored motion, cameras on tripods and simulated detectors."""

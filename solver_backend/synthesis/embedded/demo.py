@@ -1,4 +1,4 @@
-"""Create the demo capture: an authored motion, seen by four cameras through a simulated detector."""
+"""Create the demo captures: an authored motion, filmed by four cameras or recorded with markers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from solver_backend.types import (
 
 _FILE = Path(__file__).parents[2] / "assets" / "choreography.json"
 _COLLAR_SHARE = 0.2  # Fraction of an arm's elevation that comes from the collar bone.
-_STEPS_PER_S = 240  # Number of samples per second of the interpolated score.
+_STEPS_PER_S = 240  # Number of samples per second for interpolating the key poses.
 _SHARPNESS = 300.0  # Sharpness in 1/m of the smooth minimum over the sole points.
 
 
@@ -48,7 +48,7 @@ class Choreography(NamedTuple):
 
 @cache
 def _score() -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return times (n,) in s, tracks (n, 64) of key poses, and which foot is standing at each time."""
+    """Read the key poses: times (n,) in s, pose vectors (n, 64), and the standing foot at each time."""
     values = json.loads(_FILE.read_text(encoding="utf-8"))
     times, names, headings, feet = zip(*values["score"], strict=True)
     poses = [_rotvecs(values["poses"]["stand"] | values["poses"][name]).ravel() for name in names]
@@ -56,11 +56,11 @@ def _score() -> tuple[np.ndarray, np.ndarray, list[str]]:
 
 
 def author_motion(body: Body, betas: np.ndarray, num_frames: int, fps: float) -> Choreography:
-    """Play the score: interpolate its key poses and keep the standing foot on the floor.
+    """Interpolate the demo's key poses, and keep the standing foot on the floor.
 
     Args:
         betas: (10,) shape coefficients.
-        num_frames: number of frames F. The score lasts six seconds. After that, the pose is constant.
+        num_frames: number of frames F. The motion lasts six seconds. After that, the pose is constant.
         fps: frames per second.
     """
     times, tracks, feet = _score()
@@ -101,7 +101,7 @@ def _planted(body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray,
 
 
 def _lowest(body: Body, betas: np.ndarray, G: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return the (F,) height of the lowest point on either sole. A smooth minimum avoids jumps between points."""
+    """Return the (F,) height of the lowest sole point. A smooth minimum avoids jumps between points."""
     rest = body.rest_joints(betas)
     lowest = (body.v_template[:, 1] + body.shapedirs[:, 1] @ betas).min()
     sole_depth = rest[SMPL_JOINTS.index("left_foot"), 1] - lowest
@@ -122,7 +122,7 @@ PX_PER_MM = 0.32  # Pixels per millimetre at 4.2 m from the demo's cameras, for 
 def detect(
     px: np.ndarray, image_size: np.ndarray, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate a detector: return noisy (C, F, K, 2) pixels, NaN where missing, and (C, F, K) confidences.
+    """Simulate a detector. Return noisy (C, F, K, 2) pixels, NaN where missing, and (C, F, K) confidences.
 
     ``px`` (C, F, K, 2) are the true pixels, NaN behind the camera. ``image_size`` (C, 2) is width and height.
     """
@@ -168,14 +168,14 @@ def demo_capture(
 
 
 def smpl_truth(betas: np.ndarray, root: np.ndarray, local: np.ndarray, transl: np.ndarray) -> dict[str, np.ndarray]:
-    """Convert root and local rotation vectors to the ground truth of a capture."""
+    """Convert root and joint rotation vectors to the ground truth of a capture."""
     body_pose = np.zeros((len(root), 3 * (NUM_JOINTS - 1)))
     body_pose[:, : local[0].size] = local.reshape(len(root), -1)
     return {"betas": betas, "global_orient": root, "body_pose": body_pose, "transl": transl}
 
 
 def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Cameras:
-    """Return cameras on tripods around a target. Their images are 1920 x 1080 px and slightly distorted."""
+    """Return cameras on tripods around a target, with slightly distorted images of 1920 x 1080 px."""
     angles = (
         np.deg2rad(35.0) + 2 * np.pi * (np.arange(count) + np.array([0.0, 0.08, -0.06, 0.05] * count)[:count]) / count
     )
@@ -196,12 +196,12 @@ def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Camera
 DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"  # Recording included in the repository.
 BETAS = np.array([-0.6, 0.7, -0.3, 0.5, -0.2, 0.1, 0.3, -0.2, 0.1, 0.0])  # Shape of the person wearing the markers.
 _SUBJECT = "Demo"
-_UNKNOWN = ("ARMBAND", "LUPA")  # A label that is in no layout, and the landmark beside which its marker sits.
+_UNKNOWN = ("ARMBAND", "LUPA")  # A label that is in no layout, and the landmark near its marker.
 
 
 @dataclass(frozen=True)
 class RecordedMarkers:
-    """A recording of markers over F frames and its ground truth."""
+    """A simulated marker recording over F frames with its ground truth."""
 
     cloud: MarkerCloud
     truth: dict[str, np.ndarray]
@@ -209,12 +209,12 @@ class RecordedMarkers:
 
     @property
     def joints(self) -> np.ndarray:
-        """(F, 24, 3) joint positions, in metres, of the body that wore the markers."""
+        """(F, 24, 3) true joint positions in metres."""
         return self.truth["joints"]
 
 
 def record_markers(num_frames: int = 240, fps: float = 60.0, seed: int = 11, layout: str = "CMU_41") -> RecordedMarkers:
-    """Record the markers of a layout and one marker whose label is unknown."""
+    """Simulate a recording of a layout's markers, and of one marker with an unknown label."""
     body, rng, faults = load_body(), np.random.default_rng(seed), OPTICAL_MARKERS
     root, local, transl = author_motion(body, BETAS, num_frames, fps)
     places = (*marker_layout(layout), _UNKNOWN[1])

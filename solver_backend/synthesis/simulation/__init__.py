@@ -1,1 +1,1 @@
-"""Simulate how a camera sees moving bodies: occlusion and detector output."""
+"""Simulate people, and how cameras see them: occlusion and detector output."""

@@ -1,4 +1,4 @@
-"""Create people of random shape who repeat a recorded motion on a level floor."""
+"""Create people with random body shapes who perform a recorded motion on a level floor."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import NUM_BETAS, SMPL_JOINTS, JointSet
 
 BETAS_SIGMA = 0.8  # Standard deviation of the random shapes, which keeps them within the range of most people.
-FLOOR_S = 1.0  # Length in seconds of the window within which a sole touches the floor.
+FLOOR_S = 1.0  # Longest time in seconds without a sole on the floor.
 TOUCH_S = 0.05  # Standard deviation in seconds of the filter that smooths the height of the skin's lowest point.
 UPRIGHT = exp_so3(np.array([np.pi / 2, 0.0, 0.0]))  # Rotation from a world with Y up to a world with Z up.
 
 
 @dataclass(frozen=True)
 class Take:
-    """A recorded motion of F frames with Y up."""
+    """A recorded motion over F frames with Y up."""
 
     name: str
     rotations: np.ndarray  # (F, 22, 3, 3) local rotations of the pelvis and joints 1 to 21 relative to the T-pose.
@@ -31,7 +31,7 @@ class Take:
 
 @dataclass(frozen=True)
 class Person:
-    """A moving body over F frames."""
+    """A person of some body shape in motion over F frames."""
 
     body: Body
     betas: np.ndarray  # (10,) shape coefficients.
@@ -40,15 +40,15 @@ class Person:
     transl: np.ndarray  # (F, 3) translations in metres.
 
     def part(self, frames: slice | np.ndarray) -> Person:
-        """Return the person in the given frames."""
+        """Select some frames of the person's motion."""
         return Person(self.body, self.betas, self.orient[frames], self.local[frames], self.transl[frames])
 
     def pose(self, points: Landmarks, offsets: np.ndarray | None = None) -> PosedLandmarks:
-        """Return the body's landmarks in every frame. (L, 3) offsets shift them in their rest frames."""
+        """Pose the body's landmarks in every frame. (L, 3) offsets shift them in their rest frames."""
         return pose_landmarks(self.body, points, self.betas, self.orient, self.local, self.transl, offsets=offsets)
 
     def landmarks(self, joint_set: JointSet, offsets: np.ndarray | None = None) -> PosedLandmarks:
-        """Return the keypoints of a joint set. (K, 3) offsets shift them in their rest frames."""
+        """Pose the keypoints of a joint set. (K, 3) offsets shift them in their rest frames."""
         return self.pose(keypoint_landmarks(self.body, joint_set), offsets)
 
     def skin(self, frames: np.ndarray) -> np.ndarray:
@@ -79,7 +79,7 @@ class Person:
 def cast_person(
     take: Take, rng: np.random.Generator, body: Body | None = None, betas: np.ndarray | None = None
 ) -> Person:
-    """Return a person with a random or given shape who repeats a take on the floor."""
+    """Create a person with a random or given shape who performs a take on the floor."""
     body = body or load_body()
     if betas is None:
         betas = np.clip(BETAS_SIGMA * rng.normal(size=NUM_BETAS), -2.0, 2.0)
@@ -92,7 +92,7 @@ def cast_person(
 
 
 def running_floor(height: np.ndarray, frames: int) -> np.ndarray:
-    """Return the smoothed minimum of the (F,) heights within ``frames`` around each frame."""
+    """Return the smoothed minimum of (F,) heights within ``frames`` frames around each frame."""
     near = np.lib.stride_tricks.sliding_window_view(np.pad(height, frames // 2, mode="edge"), 2 * (frames // 2) + 1)
     lowest = np.pad(near.min(axis=1), 2 * frames, mode="edge")
     kernel = np.exp(-0.5 * (np.arange(-2 * frames, 2 * frames + 1) / (0.5 * frames)) ** 2)
@@ -104,7 +104,7 @@ _WAVELENGTH_M = 0.25  # Typical wavelength in metres, about the size of a calf o
 
 
 def strange_body(seed: int, bones: float = 0.04, flesh_mm: float = 6.0, body: Body | None = None) -> Body:
-    """Return a body whose proportions lie outside the solver's shape space.
+    """Create a body with proportions outside the solver's shape space.
 
     Every bone is stretched along its axis by a random factor, which also moves all bones below it. The skin follows
     according to its skinning weights, and is then displaced by a smooth random field. The joints are recomputed from
@@ -138,7 +138,7 @@ def _stretched(body: Body, share: np.ndarray) -> np.ndarray:
 
 
 def _smooth_field(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return (N, 3) displacements with unit variance per axis at (N, 3) points, from a sum of random waves."""
+    """Return (N, 3) random displacements with unit variance per axis that vary smoothly between points."""
     waves = rng.normal(size=(_WAVES, 3)) * (2 * np.pi / _WAVELENGTH_M / np.sqrt(3.0))
     phases, heights = rng.uniform(0, 2 * np.pi, _WAVES), rng.normal(size=(_WAVES, 3))
     return np.sqrt(2.0 / _WAVES) * np.cos(points @ waves.T + phases) @ heights

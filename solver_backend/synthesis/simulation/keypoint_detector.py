@@ -17,7 +17,7 @@ _HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])  # Amplitudes of a bias over the
 
 @dataclass(frozen=True)
 class DetectorOutput:
-    """Detections and the faults in them."""
+    """Simulated detections, and masks of their faults."""
 
     xy: np.ndarray  # (C, F, K, 2) pixels, NaN where missing.
     confidence: np.ndarray  # (C, F, K) confidences, 0 where missing.
@@ -28,7 +28,7 @@ class DetectorOutput:
 
 @dataclass(frozen=True)
 class Sight:
-    """True view of K keypoints in C cameras."""
+    """True positions and visibility of K keypoints in C cameras, the input of a simulated detector."""
 
     px: np.ndarray  # (C, F, K, 2) true pixels.
     px_per_mm: np.ndarray  # (C, F, K) pixels per millimetre at each point.
@@ -40,7 +40,7 @@ class Sight:
 def detect_keypoints(
     sight: Sight, joint_set: JointSet, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> DetectorOutput:
-    """Simulate detections of the K keypoints in a joint set."""
+    """Simulate the detections of a joint set's K keypoints with the given faults."""
     px, occluded = sight.px, sight.occluded
     shape = px.shape[:-1]
     uneven = np.exp(faults.unevenness * rng.normal(size=(shape[0], 1, shape[2], 1)) - faults.unevenness**2)
@@ -65,7 +65,7 @@ def detect_keypoints(
 
 
 def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) bias with unit variance that varies smoothly with the direction."""
+    """Return a random (C, F, K, 2) bias with unit variance that varies smoothly with the viewing direction."""
     waves = rng.normal(size=(5, num_keypoints, 2)) * _HARMONICS[:, None, None]
     one, double = seen_from, 2 * seen_from
     basis = np.stack([np.ones_like(one), np.cos(one), np.sin(one), np.cos(double), np.sin(double)], axis=-1)
@@ -73,7 +73,7 @@ def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.
 
 
 def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) outlier offsets in millimetres, constant during each outlier run."""
+    """Return (C, F, K, 2) offsets of outliers in millimetres, constant for six frames."""
     hold = np.repeat(np.arange(0, shape[1], 6), 6)[: shape[1]]
     angle, factor = rng.uniform(0, 2 * np.pi, shape)[:, hold], rng.uniform(0.5, 1.5, shape)[:, hold]
     return faults.outlier_mm * factor[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -82,7 +82,7 @@ def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Ge
 def _confidence(
     error_mm: np.ndarray, outlier: np.ndarray, occluded: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return confidences that partly reflect the error. The measured rank correlation is -0.29."""
+    """Return confidences that partly reflect the error. Their measured rank correlation with it is -0.29."""
     inlier = 0.68 - 0.0022 * error_mm - 0.15 * occluded + 0.09 * rng.normal(size=error_mm.shape)
     return np.clip(np.where(outlier, rng.uniform(0.1, 0.55, error_mm.shape), inlier), 0.05, 1.0)
 
@@ -90,7 +90,7 @@ def _confidence(
 def _swaps(
     shape: tuple[int, ...], joint_set: JointSet, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C, F, K) mask of swapped limbs, and the list of (N, 4) individual swaps."""
+    """Draw left-right swaps of limbs. Return their mask (C, F, K), and a row (4,) for each swap."""
     mask, swaps = np.zeros(shape, dtype=bool), []
     for limb, columns in enumerate(exchanged_columns(joint_set).values()):
         for view in range(shape[0]):
@@ -106,12 +106,12 @@ def _swaps(
 
 
 def exchanged_columns(joint_set: JointSet) -> dict[str, list[int]]:
-    """For each limb pair, return the columns that are swapped together, on both sides."""
+    """Return, for each limb pair, the keypoint columns of both sides that a detector swaps together."""
     return {limb: sorted(np.concatenate(limb_columns(joint_set, limb)).tolist()) for limb in EXCHANGED}
 
 
 def direction_seen_from(cameras: Cameras, orient: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
-    """Return the (C, F) angle of each camera about a body's vertical axis, 0 in front."""
+    """Return the (C, F) angle of each camera about a body's vertical axis in radians, 0 in front."""
     way = np.einsum("fij,cfi->cfj", orient, cameras.centres[:, None] - pelvis)
     return np.arctan2(way[..., 0], way[..., 2])
 
@@ -119,7 +119,7 @@ def direction_seen_from(cameras: Cameras, orient: np.ndarray, pelvis: np.ndarray
 def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np.random.Generator) -> Cameras:
     """Rotate each camera slightly, so that a point at ``centre`` appears shifted by ``error_mm`` per axis.
 
-    The shift that all cameras have in common is removed, because it would only move the world.
+    The common shift of all cameras is removed, because it would only move the world.
     """
     right, down = cameras.R[:, 0], cameras.R[:, 1]
     shift = 1e-3 * error_mm * rng.normal(size=(len(cameras), 2))
@@ -133,7 +133,7 @@ def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np
 
 
 def delayed(track: np.ndarray, frames: float) -> np.ndarray:
-    """Delay an (F, ...) track by a number of frames. Values are interpolated linearly and held at the ends."""
+    """Delay a track (F, ...) by a number of frames with linear interpolation. Its ends are constant."""
     at = np.clip(np.arange(len(track)) - frames, 0, len(track) - 1)
     first = np.minimum(np.floor(at).astype(int), len(track) - 2)
     share = (at - first).reshape(-1, *([1] * (track.ndim - 1)))
@@ -141,7 +141,7 @@ def delayed(track: np.ndarray, frames: float) -> np.ndarray:
 
 
 def px_per_mm(cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, K) pixels per millimetre at (F, K, 3) points."""
+    """Return the (C, F, K) image scale in pixels per millimetre at points (F, K, 3)."""
     depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
     return cameras.K[:, 0, 0, None, None] / (1000.0 * np.maximum(depth, 0.1))
 
@@ -162,11 +162,11 @@ _AROUND: dict[str, tuple[str, ...]] = {
     "elbow": ("shoulder", "elbow"),
     "wrist": ("elbow", "wrist", "hand"),
 }
-"""Parts around each keypoint that cannot hide it, named by their joints. Names without a side mean the same side."""
+"""Body parts around each keypoint that cannot hide it, by joint name. Names without a side mean the same side."""
 
 
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (face, target) pairs in which a face blocks the line of sight to a target.
+    """Return the (face, target) pairs for all faces that block the line of sight to a target.
 
     In the plane z = 1, a face covers a target if all three barycentric coordinates are positive. With them, the inverse
     depths of the corners are interpolated (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the
@@ -192,7 +192,7 @@ def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> t
 
 
 def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
-    """Return a (K, T) mask of the faces in those parts that contain each keypoint."""
+    """Return a (K, T) mask of the T faces around each keypoint, which cannot hide it."""
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     own = np.zeros((len(keypoints), len(part)), dtype=bool)
     for k, name in enumerate(keypoints):
@@ -205,5 +205,5 @@ def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
 
 
 def cross_2d(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the (...) cross products of (..., 2) vectors in a plane."""
+    """Return the (...) z components of the cross products of (..., 2) vectors."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -1,1 +1,1 @@
-"""Create captures with known ground truth from a list of described shots."""
+"""Create data sets of simulated captures with ground truth from a list of described shots."""

@@ -1,4 +1,4 @@
-"""Define camera arrays: rings, corners, the cameras of a capture, and real devices."""
+"""Build camera arrays from descriptions: rings, corners, a capture's cameras, or given cameras."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from solver_backend.geometry.alignment import look_at
 from solver_backend.synthesis.studio.checked_values import CheckedValues, StudioInvalid
 from solver_backend.types import Cameras
 
-_AHEAD_M = 3.0  # Distance (m) from the mean camera centre to the target if the axes do not meet; chosen by hand.
-_TRUST = 1e-3  # Weight of that target relative to one camera axis; chosen by hand.
+_AHEAD_M = 3.0  # Distance (m) from the mean camera centre to the target if the axes do not meet. Chosen by hand.
+_TRUST = 1e-3  # Weight of this target relative to one camera axis. Chosen by hand.
 
 
 def aim_point(cameras: Cameras) -> np.ndarray:
-    """Return the (3,) point in metres at which the cameras aim: the point closest to all optical axes.
+    """Return the (3,) point in metres that is closest to the optical axes of all cameras.
 
     With centres c and unit axes d, it minimises ``sum |(I - d d^T) (p - c)|^2``. A small weight pulls it towards the
     point 3 m in front of the mean camera centre. This determines the result if the axes are parallel or there is only
@@ -35,7 +35,7 @@ def aim_point(cameras: Cameras) -> np.ndarray:
 
 
 def scaled(cameras: Cameras, by: float) -> Cameras:
-    """Scale the cameras' images. Each side remains at least 16 pixels long."""
+    """Scale the images of cameras by a factor. Each side remains at least 16 pixels long."""
     if by == 1.0:
         return cameras
     size = np.maximum(16, np.round(by * cameras.image_size)).astype(cameras.image_size.dtype)
@@ -60,13 +60,13 @@ _TARGET_M = (0.0, 0.0, 0.95)  # Target of the cameras in metres, near a standing
 
 @dataclass(frozen=True)
 class CameraRing:
-    """A named camera array before it is placed around a person."""
+    """A named camera array that can be placed around a person."""
 
     name: str  # Part of a shot's name.
-    cameras: Cameras  # Cameras around the origin, which is placed at the centre of the person's path.
+    cameras: Cameras  # Cameras around the origin, which moves to the centre of the person's path.
     range_m: tuple[float, float]  # Smallest and largest depth that the sensors measure, in metres.
     fixed: bool  # True if the cameras keep their positions in the world.
-    stand: np.ndarray | None = None  # (2,) centre of the path for fixed cameras, metres. None leaves the path as it is.
+    stand: np.ndarray | None = None  # (2,) centre of the path for fixed cameras, metres. None keeps the motion's path.
 
     def around(self, place: np.ndarray) -> Cameras:
         """Move the cameras horizontally so that a person at (3,) ``place`` is in their centre."""
@@ -78,12 +78,12 @@ class CameraRing:
 
 @cache
 def camera_array_presets() -> dict[str, dict[str, Any]]:
-    """Return the built-in presets by name."""
+    """Return the descriptions of the built-in camera arrays by name."""
     return json.loads(PRESETS.read_text(encoding="utf-8"))["presets"]
 
 
 def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
-    """Build a camera array from its description, which is the name of a preset or an object.
+    """Build a camera array from its description, which is a preset's name or an object.
 
     Raises:
         StudioInvalid: a key or preset is unknown, or a value is invalid.

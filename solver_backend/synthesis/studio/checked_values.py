@@ -1,4 +1,4 @@
-"""Read and check the values in a JSON description. Errors state the location and the valid values."""
+"""Read and check values in JSON descriptions. Errors state the location and the valid values."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class OtherDataSet(MocapError):
 
 
 T = TypeVar("T")
-_LARGEST = sys.float_info.max  # JSON allows larger integers. Infinite and missing values are outside this range, too.
+_LARGEST = sys.float_info.max  # JSON allows larger integers. Infinite and missing values are also outside this range.
 
 
 class CheckedValues:
-    """An object in a description. Error messages refer to it as ``where``.
+    """An object in a JSON description. ``where`` is its name in error messages.
 
     Raises:
         StudioInvalid: the description is not an object, or contains an unknown key.
@@ -60,7 +60,7 @@ class CheckedValues:
     def described(
         cls, description: Any, where: str, known: Iterable[str], presets: Mapping[str, Mapping[str, Any]]
     ) -> CheckedValues:
-        """Return the values of a named preset, or of an object that may extend a preset.
+        """Read the values of a named preset, or of an object that may extend a preset.
 
         The preset's name is the default value of the key ``name``, if that key is known.
 
@@ -87,42 +87,42 @@ class CheckedValues:
         return self._values.get(key, default)
 
     def number(self, key: str, default: float, low: float, high: float) -> float:
-        """Return a number from ``low`` to ``high``."""
+        """Return a number, or raise ``StudioInvalid`` unless it is from ``low`` to ``high``."""
         value = self._values.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
             raise self._bad(key, value, f"a number from {low:g} to {high:g}")
         return float(value)
 
     def whole(self, key: str, default: int, low: int, high: int) -> int:
-        """Return an integer from ``low`` to ``high``."""
+        """Return an integer, or raise ``StudioInvalid`` unless it is from ``low`` to ``high``."""
         value = self._values.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
             raise self._bad(key, value, f"a whole number from {low} to {high}")
         return value
 
     def flag(self, key: str, default: bool) -> bool:
-        """Return a boolean."""
+        """Return a boolean, or raise ``StudioInvalid`` for any other value."""
         value = self._values.get(key, default)
         if not isinstance(value, bool):
             raise self._bad(key, value, "true or false")
         return value
 
     def text(self, key: str, default: str) -> str:
-        """Return a string. It must not be empty unless the default is."""
+        """Return a string. An empty one is valid only if the default is empty."""
         value = self._values.get(key, default)
         if not isinstance(value, str) or (not value and default):
             raise self._bad(key, value, "a text")
         return value
 
     def choice(self, key: str, default: str, known: Iterable[str]) -> str:
-        """Return one of the known names."""
+        """Return a name, or raise ``StudioInvalid`` unless it is in ``known``."""
         value, names = self._values.get(key, default), tuple(known)
         if value not in names:
             raise self._bad(key, value, f"one of {', '.join(names)}")
         return value
 
     def choices(self, key: str, default: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
-        """Return several of the known names without duplicates."""
+        """Return a list of names in ``known`` without duplicates."""
         value, names = self._values.get(key, list(default)), tuple(known)
         if not isinstance(value, list) or any(item not in names for item in value):
             raise self._bad(key, value, f"a list of {', '.join(names)}")
@@ -146,11 +146,11 @@ class CheckedValues:
         return int(value[0]), int(value[1])
 
     def fill(self, kind: type[T], limits: Mapping[str, Any], **given: Any) -> T:
-        """Build a dataclass. Fields that have defaults take their values from the description.
+        """Build a dataclass from the description's values. Its fields have the default values.
 
         Args:
             limits: the range of each number and the names of each choice. Fields without an entry are booleans.
-            given: values of the other fields.
+            given: values of the fields without a default.
         """
         for key, ends in limits.items():
             default = getattr(kind, key)

@@ -1,4 +1,4 @@
-"""Draw the contact sheet of a data set and write its data card."""
+"""Draw the contact sheet of a data set, and write its data card."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solver_backend.synthesis.studio.sensor_pictures import SECTOR_DEG
 from solver_backend.synthesis.studio.spec import Spec
 
 SHEET, CARD = "contact_sheet.png", "card.md"
-_TILE = (208, 156)  # Width and height of an image in pixels; chosen by hand.
+_TILE = (208, 156)  # Width and height of an image in pixels. Chosen by hand.
 _COLUMNS, _TILES = 6, 24
 _SHOWN = ("rgb", "infrared", "depth", "masks", "normals")
 _DIRECTIONS = ("front", "front left", "left", "back left", "back", "back right", "right", "front right")
@@ -29,7 +29,7 @@ _COLOURS = _COLOURS.reshape(-1, 3)  # One row per label.
 
 
 def write_card(out: Path) -> list[Path]:
-    """Write the data card and the contact sheet of a data set. Return their paths."""
+    """Write the data card and the contact sheet of a data set, and return their paths."""
     spec, records = read_data_set(out)
     sheet = contact_sheet(out, records)
     if sheet is not None:
@@ -39,7 +39,7 @@ def write_card(out: Path) -> list[Path]:
 
 
 def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
-    """Return an (h, w, 3) uint8 sheet of up to 24 images from different shots, or None if there are no images."""
+    """Return an (h, w, 3) uint8 sheet of up to 24 images from different shots, or None without images."""
     tiles = []
     for i in range(_TILES):
         record = records[i * len(records) // _TILES if len(records) >= _TILES else i % len(records)]
@@ -59,7 +59,7 @@ def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
 
 
 def shown(kind: str, picture: np.ndarray) -> np.ndarray:
-    """Convert an image of any kind to (h, w, 3) uint8 for display."""
+    """Convert a rendered image, such as depth or masks, to (h, w, 3) uint8 for display."""
     if kind == "masks":
         return _COLOURS[np.minimum(picture, len(LABELS) - 1)]
     if picture.ndim == 3:
@@ -72,7 +72,7 @@ def shown(kind: str, picture: np.ndarray) -> np.ndarray:
 
 
 def _fitted(picture: np.ndarray) -> np.ndarray:
-    """Crop an image to the aspect ratio of the tile and scale it down to the tile size by averaging."""
+    """Crop an image to the aspect ratio of a tile, and scale it down by averaging."""
     width, height = _TILE
     scale = min(picture.shape[1] / width, picture.shape[0] / height)
     x0, y0 = (picture.shape[1] - scale * width) / 2, (picture.shape[0] - scale * height) / 2
@@ -85,7 +85,7 @@ def _fitted(picture: np.ndarray) -> np.ndarray:
 
 
 def card_text(spec: Spec, records: list[ShotRecord], has_sheet: bool) -> str:
-    """Return the text of the data card in Markdown."""
+    """Return the data card of a data set in Markdown."""
     views = np.sum([record["views"] for record in records], axis=0)
     frames = sum(record["frames"] for record in records)
     pictures = sum(record["frames"] * len(record["cameras"]) * len(record["film"]) for record in records)
@@ -96,7 +96,7 @@ def card_text(spec: Spec, records: list[ShotRecord], has_sheet: bool) -> str:
     facts |= {name: _listed(records, key) for name, key in keys.items()}
     facts |= {name: _listed(records, name) for name in ("clothes", "hair", "light")}
     facts |= {"markers": f"{records[0]['markers']} ({spec.markers})" if spec.markers else "none"}
-    facts |= {"keypoints": f"{spec.joint_set.value} in captures; every joint set in truth.npz"}
+    facts |= {"keypoints": f"{spec.joint_set.value} in captures, every joint set in truth.npz"}
     facts |= {"visible": f"{100 * np.mean([record['visible'] for record in records]):.0f} % of keypoints"}
     inside, colour = np.mean([record["inside"] for record in records]), f"{spec.rgb.engine}, {spec.rgb.samples} samples"
     facts |= {"within the picture": f"{100 * inside:.0f} % of the person"}
@@ -118,7 +118,8 @@ _LICENCE = (
     "yours. Data made from your own motion files are under the licences of those files."
 )
 _CONVENTIONS = (
-    "Pixel (0, 0) is the centre of the top-left pixel; metres, Z up; `x_cam = R x_world + t` in OpenCV's axes. "
+    "Pixel (0, 0) is the centre of the top-left pixel. Lengths are in metres, Z is up, and `x_cam = R x_world + t` in "
+    "OpenCV's axes. "
     "Depth is in millimetres along the optical axis, 0 where there is none. Masks: {masks}. Visibility in truth.npz: "
     "0 outside the image, 1 behind the own body, 2 behind furniture, 3 seen."
 )

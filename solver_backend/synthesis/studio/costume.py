@@ -1,7 +1,7 @@
 """Create clothes and hair from patches of skin that are moved outwards.
 
 The skin below a garment is removed except at the hem, so that it cannot pierce the garment in any pose. Garments taper
-to the skin at their borders. No layer needs a simulation or its own mesh, because its vertices are the body's, offset.
+to the skin at their borders. Layers need no simulation and no mesh, because their vertices are offset body vertices.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from solver_backend.types import SMPL_JOINTS
 
 LABELS = ("nothing", "skin", "top", "bottom", "suit", "shoes", "hair", "marker", "furniture", "room")
 SKIN, HAIR, MARKER, FURNITURE, ROOM = 1, 6, 7, 8, 9
-_HEM_RINGS = 2  # Number of rings of skin that remain below a garment's border, over which the garment tapers.
-_LEAST_M = 0.0006  # Smallest distance between layers in metres, so that none shows through another; chosen by hand.
-_WAVES = 10  # Number of waves that make up the folds; chosen by hand.
-_OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {  # Layers from the skin outwards (m); chosen by hand.
+_HEM_RINGS = 2  # Number of rings of skin below a garment's border that remain while the garment tapers.
+_LEAST_M = 0.0006  # Smallest distance between layers in metres, so that none shows through another. Chosen by hand.
+_WAVES = 10  # Number of waves that make up the folds. Chosen by hand.
+_OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {  # Layers from the skin outwards (m). Chosen by hand.
     "bare": (),
     "suit": (("suit", 0.002),),
     "shirt_trousers": (("shoes", 0.004), ("trousers", 0.008), ("shirt", 0.013)),
@@ -33,9 +33,9 @@ _LABEL_OF |= {"tunic": "top", "short": "hair", "long": "hair"}
 
 @dataclass(frozen=True)
 class Costume:
-    """The complete surface of a person, which has N vertices and T triangles."""
+    """The surface of a dressed person: skin, clothes and hair, with N vertices and T triangles."""
 
-    base: np.ndarray  # (N,) body vertex from which each vertex is offset.
+    base: np.ndarray  # (N,) body vertex below each vertex.
     offset_m: np.ndarray  # (N,) offset in metres along the normal of the posed skin.
     faces: np.ndarray  # (T, 3) indices into the N vertices, counter-clockwise when seen from outside.
     label: np.ndarray  # (T,) uint8 index into ``LABELS``.
@@ -43,14 +43,14 @@ class Costume:
     body_face: np.ndarray  # (T,) body triangle beneath each triangle.
 
     def posed(self, skin: np.ndarray, corners: CornerSums) -> np.ndarray:
-        """Return the (F, N, 3) surface for an (F, V, 3) posed skin."""
+        """Return the (F, N, 3) dressed surface over a posed skin (F, V, 3)."""
         if not self.offset_m.any():
             return skin[:, self.base]
         return skin[:, self.base] + self.offset_m[:, None] * corners.normals(skin)[:, self.base]
 
 
 class CornerSums:
-    """Computes the vertex normals of a mesh with (T, 3) faces in any pose."""
+    """Computes vertex normals of a mesh with (T, 3) faces in any pose."""
 
     def __init__(self, faces: np.ndarray, count: int) -> None:
         flat = faces.ravel()
@@ -70,14 +70,14 @@ class CornerSums:
 
 
 def draw_outfit(clothes: str, hair: str, rng: np.random.Generator) -> tuple[str, str]:
-    """Return clothes and hair, with 'random' replaced by a random choice."""
+    """Choose clothes and hair. 'random' is replaced by a random choice."""
     dressed = [name for name in _OUTFITS if name not in ("bare", "suit")]
     drawn = str(rng.choice(dressed)), str(rng.choice(["none", "short", "short", "long"]))
     return (drawn[0] if clothes == "random" else clothes), (drawn[1] if hair == "random" else hair)
 
 
 def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Costume:
-    """Return the surface of a body with clothes and hair. ``rng`` determines folds and hair."""
+    """Dress a body with clothes and hair. ``rng`` determines folds and random hair."""
     layers = [*_OUTFITS[clothes], *(() if hair == "none" else ((hair, 0.012 if hair == "short" else 0.02),))]
     regions = _Regions(body)
     covers = [regions.of(name) for name, _ in layers]
@@ -104,7 +104,7 @@ def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Cost
 
 
 def _hidden(body: Body, rings: list[np.ndarray]) -> np.ndarray:
-    """Return a (T,) mask of the triangles that lie completely below a garment and not at its hem."""
+    """Return a (T,) mask of the triangles completely below a garment and not at its hem."""
     hidden = np.zeros(len(body.faces), dtype=bool)
     for ring in rings:
         hidden |= (ring[body.faces] >= _HEM_RINGS).all(axis=1)
@@ -133,7 +133,7 @@ def _folds(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 class _Regions:
-    """Skin regions of garments, defined by the joint that moves a vertex and the vertex's position at rest."""
+    """Skin regions of garments, defined by each vertex's main joint and position at rest."""
 
     def __init__(self, body: Body) -> None:
         owner = body.weights.argmax(axis=1)

@@ -1,4 +1,4 @@
-"""Create a data set on disk shot by shot. An interrupted run can be resumed."""
+"""Create a data set on disk, shot by shot. An interrupted run can be resumed."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ _NIGHT_GAIN = 4.0  # Factor on the sensor noise at night.
 _BYTES_PER_FRAME = {"pose2sim": 1700, "coco": 700}  # Bytes per view and frame.
 _TRUTH_BYTES = 9000  # Bytes per view and frame for ground truth and captures.
 _SCENE_BYTES = 260_000  # Bytes per shot for the scene, if there are colour images.
-_SPARE = 64 * 2**20  # Bytes that must remain free on the disk; chosen by hand.
+_SPARE = 64 * 2**20  # Bytes that must remain free on the disk. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Size of a data set."""
+    """Shots, frames, images and disk space of a data set."""
 
     shots: tuple[Shot, ...]
     frames: int
@@ -65,7 +65,7 @@ def plan(spec: Spec) -> Plan:
 
 
 def check_data_set(spec: Spec, out: Path) -> Plan:
-    """Check, without writing anything, whether a data set can be made. Return its size.
+    """Check, without writing anything, that a data set can be made, and return its size.
 
     Raises:
         OtherDataSet: the folder contains a different data set, or other files.
@@ -90,7 +90,7 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
 
 
 def open_data_set(spec: Spec, out: Path) -> Plan:
-    """Check a data set and reserve its folder. Raise ``OutputNotWritable`` if that fails."""
+    """Check a data set, and reserve its folder. Raise ``OutputNotWritable`` if that fails."""
     found = check_data_set(spec, out)
     check_output(out / DESCRIPTION, overwrite=True)
     record = {"format": _FORMAT, "version": VERSION, "digest": digest(spec), "folder": str(spec.folder)}
@@ -100,7 +100,7 @@ def open_data_set(spec: Spec, out: Path) -> Plan:
 
 
 def make_data_set(spec: Spec, out: Path, progress: Progress = silent, only: Collection[str] = ()) -> list[ShotRecord]:
-    """Make every missing shot in a data set. Return the contents of each ``shot.json``.
+    """Make every missing shot in a data set, and return the shots' records.
 
     Args:
         only: names of shots to make in a reserved folder. If empty, reserve the folder and make all.
@@ -137,7 +137,7 @@ def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
 
 
 def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
-    """Return the description and shots of a finished data set. Raise FileMissing or FileDamaged."""
+    """Read the description and the finished shots of a data set. Raise FileMissing or FileDamaged."""
     values = _description(out)
     if values is None:
         raise FileMissing("The folder does not contain a studio data set.", where=str(out))
@@ -153,7 +153,7 @@ def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
 
 
 def digest(spec: Spec) -> str:
-    """Return a hash of a data set's description in hexadecimal, which identifies the data set."""
+    """Return a hexadecimal hash of a data set's description, which identifies the data set."""
     return hashlib.sha256(spec.text.encode()).hexdigest()[:32]
 
 

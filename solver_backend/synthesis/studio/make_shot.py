@@ -1,4 +1,4 @@
-"""Make one shot and its ground truth, completely or not at all."""
+"""Render a shot and write it with its ground truth, completely or not at all."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ from solver_backend.synthesis.studio.write_pictures import (
 from solver_backend.types import Capture, Motion
 
 Keep = Callable[[str, int, int, np.ndarray], None]  # Receives kind, view, frame and image.
-_CHUNK = 16  # Number of frames whose surfaces are held in memory at a time.
+_CHUNK = 16  # Number of frames with their surfaces in memory at a time.
 
 
 def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
-    """Render a shot. Return the (C, F, M) float32 visible fractions of the markers.
+    """Render the images of a shot. Return the (C, F, M) float32 visible fractions of the markers.
 
     Args:
         keep: receives every image: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
@@ -105,7 +105,7 @@ DONE = "shot.json"  # File that marks the folder of a finished shot.
 
 
 def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None) -> ShotRecord:
-    """Make a shot and return the contents of its ``shot.json``. An existing shot is not made again.
+    """Make a shot and return its record. An existing shot is not made again.
 
     Several processes may make the same shot at once. The first one to finish publishes its folder. ``on_frame`` is
     called after each rendered frame.
@@ -130,7 +130,7 @@ def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], Non
 
 
 def read_shot(folder: Path) -> ShotRecord:
-    """Return the contents of ``shot.json`` in a shot's folder. Raise ``FileMissing`` or ``FileDamaged``."""
+    """Read the record of a finished shot. Raise ``FileMissing`` or ``FileDamaged``."""
     record = read_json(folder / DONE)
     if not is_shot_record(record):
         message, hint = "The shot's record is not an object.", "Remove the shot's folder."

@@ -1,4 +1,4 @@
-"""Read motions for shots: the choreography, solved takes, AMASS, BVH, and folders."""
+"""Read the motions of shots: the built-in choreography, solved motions, AMASS files and BVH files."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _CHOREOGRAPHY_S = 6.0  # Duration of the choreography in seconds.
 
 @dataclass(frozen=True)
 class MotionSource:
-    """Source from which a motion can be read."""
+    """A motion file, or the built-in choreography."""
 
     name: str  # Name of the motion, which becomes part of the shot's name.
     path: Path | None  # The file, or None for the choreography.
 
     def play(self, body: Body, betas: np.ndarray, fps: float, frames: int) -> Person:
-        """Return a person with (10,) betas who performs the first ``frames`` frames of the motion at ``fps``.
+        """Create a person with betas (10,) who performs the first ``frames`` frames of the motion at ``fps``.
 
         Raises:
             MocapError: the file cannot be read.
@@ -46,7 +46,7 @@ class MotionSource:
 
 
 def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource, ...]:
-    """Return the motions found in files and folders, or ``choreography``. Repeated names are numbered.
+    """Find the motions that names denote: files, folders, or ``choreography``. Repeated names are numbered.
 
     Raises:
         FileMissing: a path does not exist, or a folder contains no motion.
@@ -74,7 +74,7 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
 
 
 def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
-    """Transfer a clip to a body of another shape. The rotations and the path on the floor stay the same."""
+    """Read a motion and transfer it to another body shape, with equal rotations and path on the floor."""
     motion = load_motion(path)
     if isinstance(motion, BvhClip):
         raise MotionInvalid("The skeleton is not the program's body. Use `motion convert` first.", where=str(path))
@@ -108,5 +108,5 @@ def _at_rate(person: Person, rate: float, fps: float, frames: int) -> Person:
 
 
 def _between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return the rotations (..., 3, 3) at a given fraction of the geodesic between two others."""
+    """Return the rotations (..., 3, 3) at the fraction ``share`` of the geodesic between two rotations."""
     return before @ exp_so3(share * log_so3(np.swapaxes(before, -1, -2) @ after))

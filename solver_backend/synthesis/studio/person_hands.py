@@ -40,19 +40,19 @@ class HandFaults:
     drift_s: float = 0.3  # Time constant of the drift in seconds.
     guessed: float = 2.5  # Factor applied to the errors of hidden points.
     least_seen: float = 0.5  # Smallest fraction of visible points with which a hand is detected.
-    missing: float = 0.06  # Fraction of frames in which a visible hand is not detected.
+    missing: float = 0.06  # Fraction of frames without a detection of a visible hand.
     missing_s: float = 0.15  # Duration of a miss in seconds.
-    wrong: float = 0.01  # Fraction of frames in which the detection is one or two palms away.
-    exchanged: float = 0.005  # Fraction of frames in which left and right are swapped.
+    wrong: float = 0.01  # Fraction of frames with a detection one or two palms away.
+    exchanged: float = 0.005  # Fraction of frames with left and right swapped.
     held: bool = False  # A held object hides the fingers. They are guessed, and hands are detected half as often.
     gloved: bool = False  # Hands wear gloves. All points are guessed, and hands are detected half as often.
-    small_px: float = 15.0  # Palm size in pixels below which errors grow with the square of the ratio.
+    small_px: float = 15.0  # Palm size in pixels. Errors grow with the square of the ratio for smaller palms.
 
 
 def detect_hands(
     cameras: Cameras, points: np.ndarray, hidden: np.ndarray, fps: float, faults: HandFaults, rng: np.random.Generator
 ) -> np.ndarray:
-    """Simulate a hand detector. Return (C, F, 2, 21, 3) x, y in pixels and confidence, NaN and 0 if undetected.
+    """Simulate a hand detector: (C, F, 2, 21, 3) pixels and confidence, NaN and 0 if undetected.
 
     ``points`` (F, 2, 21, 3) are in metres, left hand first. ``hidden`` (C, F, 2, 21) marks occluded points.
     """
@@ -99,9 +99,9 @@ _CHUNK = 64  # Number of frames processed together.
 def hidden_by_hands(
     centres: Float[np.ndarray, "cameras 3"], points: Float[np.ndarray, "frames 2 21 3"]
 ) -> Bool[np.ndarray, "cameras frames 2 21"]:
-    """Return a (C, F, 2, 21) mask of the hand points occluded by a bone of either hand.
+    """Return a (C, F, 2, 21) mask of the hand points that a bone of either hand occludes.
 
-    A point is occluded if its line of sight passes another bone closer than the bone's radius.
+    A bone occludes a point if the line of sight is closer to it than its radius.
     """
     frames = len(points)
     hidden = np.zeros((len(centres), frames, 2, NUM_HAND_POINTS), bool)
@@ -116,7 +116,7 @@ def hidden_by_hands(
 
 
 def _own_bones() -> np.ndarray:
-    """Return a (42, 40) mask that assigns to each point its own bones."""
+    """Return a (42, 40) mask of the bones next to each hand point, which cannot occlude it."""
     own = (np.arange(NUM_HAND_POINTS)[:, None, None] == _BONES).any(-1)
     knuckles = [HAND_POINTS.index(name) for name in HAND_POINTS if name.endswith("_mcp")]
     own[[0, *knuckles], :5] = True
@@ -148,7 +148,7 @@ def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray)
 
 
 def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return a (C, F, 2, 21) mask of the hand points occluded by the body, not counting the hand itself."""
+    """Return a (C, F, 2, 21) mask of the hand points that the body occludes, not counting the hand itself."""
     frames, _, count = points.shape[:3]
     sight = BodySight(person.body, person.betas, keypoint_landmarks(person.body, JointSet.COCO_17))
     joints, bone = person.body.layout.joints, sight.proxy.bone
@@ -160,17 +160,17 @@ def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.nd
     return np.swapaxes(hidden, 0, 1).reshape(len(cameras), frames, 2, count)
 
 
-SPREAD = 0.7  # Factor on the prior's standard deviations in finger motion. The prior is as wide as its widest source.
+SPREAD = 0.7  # Factor on the hand prior's standard deviations. The prior is as wide as its widest source.
 SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7  # Range of motion frequencies in Hz. Gestures open or close a hand in half a second.
 SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())  # Fractions of a pose tried until no fingers intersect.
-TOUCH_M = 0.002  # Overlap in metres at which fingers count as touching.
-EASE_S = 0.2  # Seconds in which a hand relaxes before such a pose, and in which it returns afterwards.
-_WAVES = 4  # Number of waves per angle; chosen by hand.
+TOUCH_M = 0.002  # Largest overlap in metres of touching fingers that do not intersect.
+EASE_S = 0.2  # Seconds to relax a hand before its fingers would intersect, and to return afterwards.
+_WAVES = 4  # Number of waves per angle. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class MovingHands:
-    """Both hands of a person over F frames, left hand first."""
+    """Finger motion of both hands of a person over F frames, left hand first."""
 
     skeletons: tuple[HandSkeleton, HandSkeleton]
     angles: np.ndarray  # (F, 2, A) joint angles in radians.
@@ -183,7 +183,7 @@ class MovingHands:
 
 
 def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHands:
-    """Move both hands at a person's wrists, independently and plausibly.
+    """Create independent random finger motions for a person's hands.
 
     Raises:
         BodyInvalid: the body has no finger joints.
@@ -197,7 +197,7 @@ def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHa
 
 
 def points_of_hands(person: Person, skeletons: tuple[HandSkeleton, HandSkeleton], angles: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 21, 3) hand points in metres for the joint angles (F, 2, A) at the person's wrists."""
+    """Return (F, 2, 21, 3) hand points in metres at a person's wrists, for joint angles (F, 2, A)."""
     posed = forward_kinematics(person.body, person.betas, person.orient, person.local, person.transl)
     found = []
     for side, skeleton in enumerate(skeletons):
@@ -208,7 +208,7 @@ def points_of_hands(person: Person, skeletons: tuple[HandSkeleton, HandSkeleton]
 
 
 def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -> np.ndarray:
-    """Draw random (F, A) angles: sums of slow waves that have the prior's covariance and stay in its ranges."""
+    """Draw random (F, A) finger angles: sums of slow waves with the prior's covariance, within its ranges."""
     rate = rng.uniform(SLOWEST_HZ, FASTEST_HZ, (1, NUM_ANGLES, _WAVES))
     phase = rng.uniform(0.0, 1.0, rate.shape)
     waves = np.sin(2 * np.pi * (np.arange(frames)[:, None, None] / fps * rate + phase)).sum(-1) / np.sqrt(_WAVES / 2)
@@ -217,7 +217,7 @@ def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -
 
 
 def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, A) angles that approach a relaxed hand around frames in which fingers would intersect."""
+    """Relax a hand, given (F, A) angles, around frames with intersecting fingers."""
     need = np.ones(len(angles))
     for share in SHARES:
         mixed = relaxed + share * (angles - relaxed)
@@ -230,19 +230,19 @@ def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps:
 
 
 def skin_with_hands(person: Person, hands: MovingHands, frames: np.ndarray) -> np.ndarray:
-    """Return the (n, V, 3) skin vertices, in the given frames, of a person with moving fingers."""
+    """Return the (n, V, 3) skin of a person with moving fingers in the given frames."""
     body = with_fingers(person.body)
     local = np.concatenate([person.local[frames], hands.rotations()[frames]], axis=1)
     return pose_mesh(body, person.betas, person.orient[frames], local, person.transl[frames])
 
 
 def hidden_of(person: Person, cameras: Cameras, hands: MovingHands) -> np.ndarray:
-    """Return a (C, F, 2, 21) mask of the points occluded by the body, a finger or a palm."""
+    """Return a (C, F, 2, 21) mask of the hand points that the body or the hands occlude."""
     return hidden_points(person, cameras, hands.points) | hidden_by_hands(cameras.centres, hands.points)
 
 
 def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray) -> Capture:
-    """Add every hand point that is inside the image, and the ground truth, to a clean capture."""
+    """Add all hand points inside the images, and their ground truth, to a clean capture."""
     assert capture.keypoints is not None
     px = project(cameras, hands.points)
     found = np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1)

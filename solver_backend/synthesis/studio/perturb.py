@@ -1,4 +1,4 @@
-"""Create the clean capture of a shot, and a copy with simulated faults."""
+"""Create the clean capture of a shot, and a capture with simulated faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ORIGIN = "a shot of the studio"
 
 
 def clean_capture(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> Capture:
-    """Return a capture without errors. All keypoints inside the image have confidence 1."""
+    """Return a shot's capture without errors. Keypoints inside the image have confidence 1."""
     chosen = spec.joint_set
     there = truth.visibility[chosen] != OUTSIDE
     xy = np.where(there[..., None], truth.xy[chosen], np.nan)
@@ -44,10 +44,10 @@ def clean_capture(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> Cap
 
 
 def perturbed_capture(spec: Spec, stage: Stage, truth: Truth, clean: Capture) -> Capture:
-    """Add the described faults to a capture, whose ground truth stays unchanged.
+    """Add the described faults to a clean capture, and record them in its ground truth.
 
-    Additional ground truth describes the faults: ``swapped`` and ``outlier`` (C, F, K), ``delay_frames`` (C,), and for
-    markers ``marker_ghosts`` and ``marker_swapped`` (F, M).
+    The records are ``swapped`` and ``outlier`` (C, F, K), ``delay_frames`` (C,), and for markers ``marker_ghosts`` and
+    ``marker_swapped`` (F, M).
     """
     capture, faults = clean, spec.perturb
     if faults.of_views:

@@ -1,4 +1,4 @@
-"""Draw a layout's markers and their names on the front and back of the body."""
+"""Draw the markers of a layout with their names on the front and back of a body."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STEP = 4  # Step between grey levels. Fewer levels make the file smaller.
 _REACH_PX = (12, 20, 30, 44, 62, 84)  # Possible distances from a marker to its name in pixels.
 _TURNS = 24
 _CROWDED, _OVER_BODY = 100.0, 35.0  # Cost of covering markers (per pixel) and the body, as a distance in pixels.
-_SWEEPS = 6  # Number of passes in which every name looks for a better position.
+_SWEEPS = 6  # Number of passes that improve the position of every name.
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class _Name:
 
 
 def places_picture(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Draw a body at rest from the front and back, with a layout's markers, as an (h, w, 3) uint8 image.
+    """Draw a layout's markers on a body at rest, front and back, as an (h, w, 3) uint8 image.
 
     Each name is in the view that its marker faces. In the other view, the marker shines through.
 
@@ -109,7 +109,7 @@ def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.nd
 
 
 def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return (P, 3) barycentric coordinates of (P, 2) points in triangles (P, 3, 2). Negative ones are set to 0."""
+    """Return (P, 3) barycentric coordinates of points (P, 2) in triangles (P, 3, 2), at least 0."""
     a, b, c = (corners[:, k] - at for k in range(3))
     share = np.stack([cross_2d(p, q) for p, q in ((b, c), (c, a), (a, b))], -1)
     share = share / np.where(np.abs(total := share.sum(1, keepdims=True)) > 1e-12, total, 1.0)
@@ -117,7 +117,7 @@ def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[np.ndarray]:
-    """Return a (4,) box for each name: near its marker, away from other names, and preferably off the body."""
+    """Choose a box (4,) for each name near its marker, away from other names, and preferably off the body."""
     choices = [name.boxes() for name in names]
     own = [_cost(boxes, markers, paper) for boxes in choices]
     at = [int(cost.argmin()) for cost in own]
@@ -129,7 +129,7 @@ def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[n
 
 
 def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarray:
-    """Return the cost of each candidate box for one name. ``paper`` (h, w) marks pixels that do not show the body."""
+    """Return the cost of each candidate box for a name. ``paper`` (h, w) marks pixels without the body."""
     discs = np.concatenate([markers - MARKER_PX - 1, markers + MARKER_PX + 1], axis=1)
     outside = np.maximum(-boxes[:, :2], 0.0).sum(1) + np.maximum(boxes[:, 2:] - paper.shape[::-1], 0.0).sum(1)
     covered = np.zeros(len(boxes))
@@ -141,7 +141,7 @@ def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarr
 
 
 def _overlap(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the side length of a square whose area equals the overlap of two boxes."""
+    """Return the side length of a square with the same area as the overlap of two boxes."""
     low, high = np.maximum(boxes[..., :2], others[..., :2]), np.minimum(boxes[..., 2:], others[..., 2:])
     return np.sqrt(np.prod(np.maximum(high - low, 0.0), axis=-1))
 

@@ -17,7 +17,7 @@ _PARTS = 10  # Number of squares along each edge of a box. They are small enough
 
 @dataclass(frozen=True)
 class Room:
-    """A box around everything, and the boxes that represent furniture in it."""
+    """A room around people and cameras, with boxes as furniture."""
 
     low: np.ndarray  # (3,) lower corner in metres. Its z is the floor.
     high: np.ndarray  # (3,) upper corner in metres.
@@ -36,7 +36,10 @@ class Room:
         return np.concatenate(vertices), np.concatenate(faces)
 
     def hides(self, centres: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Return an (F, C, K) mask of the sight lines that furniture blocks (Kay and Kajiya 1986)."""
+        """Return an (F, C, K) mask of the sight lines that furniture blocks (Kay and Kajiya 1986).
+
+        ``centres`` (C, 3) are camera positions. ``lines`` (F, C, K, 3) are vectors from the cameras to the points.
+        """
         hidden = np.zeros(lines.shape[:3], dtype=bool)
         for middle, half, heading, _ in self.furniture:
             turn = _turn(heading[0])
@@ -51,7 +54,7 @@ class Room:
         return hidden
 
     def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (h, w) depth in metres along the axis, inf where nothing is hit, and the (h, w, 3) normals.
+        """Return the (h, w) depth in metres of floor and walls along a camera's axis, inf if none, and normals.
 
         The rays (h, w, 3) start at the camera's (3,) centre and have length 1 along its axis. A ray that starts inside
         a box leaves it through the nearest plane in its direction.
@@ -86,7 +89,7 @@ def pixel_rays(cameras: Cameras, view: int) -> np.ndarray:
 
 
 def unit_box(parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (V, 3) vertices, in -1..1, and (T, 3) triangles of a box, counter-clockwise from outside."""
+    """Return the (V, 3) vertices, in -1..1, and the (T, 3) triangles of a box with subdivided sides."""
     steps = np.linspace(-1.0, 1.0, parts + 1)
     u, v = (grid.ravel() for grid in np.meshgrid(steps, steps))
     first = (np.arange(parts)[:, None] * (parts + 1) + np.arange(parts)).ravel()
@@ -103,7 +106,7 @@ def unit_box(parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def furnish(path: np.ndarray, cameras: Cameras, furniture: int, walls: bool, rng: np.random.Generator) -> Room:
-    """Build a room around a person's (F, 3) path, with up to ``furniture`` pieces in it."""
+    """Create a room around a person's path (F, 3), with up to ``furniture`` pieces in it."""
     points = np.concatenate([path, cameras.centres])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     low[2], high[2] = 0.0, max(high[2], 2.6)

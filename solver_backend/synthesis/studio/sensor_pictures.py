@@ -1,4 +1,4 @@
-"""Render a camera's frame: surface, label, depth and normal of every pixel, and the sensor images."""
+"""Render the surface in each pixel of a camera, and simulate infrared and depth images."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solver_backend.types import SMPL_JOINTS
 
 @dataclass(frozen=True)
 class Backdrop:
-    """View from a camera without the person, which is the same in all frames."""
+    """A camera's view of room and furniture without the person, which is equal in all frames."""
 
     depth: np.ndarray  # (h, w) float32 depth in metres.
     label: np.ndarray  # (h, w) uint8 label.
@@ -28,7 +28,7 @@ class Backdrop:
 
 @dataclass(frozen=True)
 class Seen:
-    """View from a camera in one frame."""
+    """A camera's view of the person and the room in one frame."""
 
     depth: np.ndarray  # (h, w) float32 depth in metres of person or room, without markers. inf where nothing is hit.
     label: np.ndarray  # (h, w) uint8 label index, including markers.
@@ -38,7 +38,7 @@ class Seen:
 
 
 def backdrop(stage: Stage, view: int) -> Backdrop:
-    """Render the room and the furniture for a camera."""
+    """Render the room and the furniture for one camera."""
     cameras = stage.cameras
     ray = pixel_rays(cameras, view) @ cameras.R[view]
     depth, normal = stage.room.seen_by(cameras.centres[view], ray)
@@ -57,7 +57,7 @@ def backdrop(stage: Stage, view: int) -> Backdrop:
 
 
 def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: int, *, normals: bool = False) -> Seen:
-    """Render the dressed person, given (N, 3) vertices, in front of a camera's backdrop in one frame."""
+    """Render the dressed person, given as vertices (N, 3), in front of a camera's backdrop."""
     cameras, costume = stage.cameras, stage.costume
     width, height = cameras.image_size[view].tolist()
     camera, px = in_camera(cameras, view, surface)
@@ -88,23 +88,23 @@ def _units(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 FULL = 65535  # Saturation value of the sensor.
 _ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)  # Infrared albedo of each label.
-_KERNEL_PX = 2  # Radius of the lens blur in pixels; chosen by hand.
+_KERNEL_PX = 2  # Radius of the lens blur in pixels. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class InfraredModel:
-    """Surface brightness and sensor errors, chosen to resemble figure 5.5 of the thesis."""
+    """Surface brightness and noise of an infrared sensor, chosen to resemble figure 5.5 of the thesis."""
 
     flood: float = 9000.0  # Counts from a white surface that faces the camera at a distance of 1 m.
     retro: float = 6.0  # Counts from a retro-reflector at 2 m, relative to ``FULL``.
-    least_retro: float = 1.3  # Lower limit of this ratio, because the exposure depends on the size of the room.
+    least_retro: float = 1.3  # Smallest value of this ratio, because the exposure depends on the size of the room.
     blur_px: float = 0.65  # Standard deviation of the lens blur around retro-reflections.
     shot_noise: float = 2.0  # Standard deviation at one count. It grows with the square root of the counts.
     read_noise: float = 12.0  # Standard deviation of the counts in the dark.
 
 
 def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel) -> np.ndarray:
-    """Return (h, w) float32 pixel counts from light that retro-reflective spheres reflect, before saturation."""
+    """Return the (h, w) float32 counts of light that retro-reflective markers reflect, before saturation."""
     height, width = shape
     light = np.zeros(height * width, np.float32)
     if not len(spheres.pixel):
@@ -124,10 +124,7 @@ def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel)
 
 
 def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random.Generator) -> np.ndarray:
-    """Return the (h, w) uint16 infrared image, which shows surfaces and retro-reflections.
-
-    ``retro`` comes from ``sphere_light``.
-    """
+    """Simulate the (h, w) uint16 infrared image of surfaces and markers. ``retro`` is from ``sphere_light``."""
     assert len(_ALBEDO) == len(LABELS)
     surface = np.float32(model.flood) * _ALBEDO[seen.label] * np.maximum(seen.cosine, np.float32(0.05)) / seen.depth**2
     counts = np.minimum(surface + retro, np.float32(2 * FULL))
@@ -138,25 +135,25 @@ def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random
 
 @dataclass(frozen=True)
 class TimeOfFlightModel:
-    """Depth sensor errors, as measured for Azure Kinects (Tölgyessy et al. 2021)."""
+    """Errors of a time-of-flight depth sensor, measured for Azure Kinects (Tölgyessy et al. 2021)."""
 
     constant_mm: float = 0.8  # Standard deviation at distance 0.
     quadratic_mm: float = 0.55  # Additional standard deviation at 1 m. It grows with the square of the distance.
-    grazing: float = 0.25  # Rate at which the noise grows with the tangent of the angle of incidence.
+    grazing: float = 0.25  # Growth of the noise with the tangent of the angle of incidence.
     edge_m: float = 0.06  # Depth difference between neighbouring pixels that makes an edge.
-    flying: float = 0.5  # Fraction of edge pixels whose depth lies between both surfaces.
+    flying: float = 0.5  # Fraction of edge pixels with a depth between both surfaces.
     lost: float = 0.25  # Fraction of edge pixels that have no depth.
     range_m: tuple[float, float] = (0.5, 3.86)  # Smallest and largest depth in metres.
     ring_noise: float = 1.5  # Noise factor in the ring of pixels around a marker.
     surface_radii: float = 2.0 / 3.0  # Mean distance from a sphere's centre to the surface that reflects, in radii.
 
     def sigma_m(self, depth: np.ndarray) -> np.ndarray:
-        """Return the standard deviation in metres for a surface that faces the sensor, at depths in metres."""
+        """Return the standard deviation of depths (m) in metres, for surfaces that face the sensor."""
         return 1e-3 * (self.constant_mm + self.quadratic_mm * depth**2)
 
 
 def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: np.random.Generator) -> np.ndarray:
-    """Return the (h, w) uint16 measured depth in millimetres along the axis, 0 where missing."""
+    """Simulate the (h, w) uint16 depth image in millimetres along the axis, 0 where missing."""
     low, high = model.range_m
     true = np.minimum(seen.depth, np.float32(100.0))
     blind = retro >= FULL
@@ -181,9 +178,10 @@ def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: 
 def _with_rings(
     depth: np.ndarray, blind: np.ndarray, spheres: Spheres, before_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Add a two-pixel ring around blind patches to a depth image. Return it and the (h, w) mask of the rings.
+    """Add a ring of two pixels with the markers' depth around blind patches of a depth image.
 
-    A sphere reflects light at a point ``before_m`` in front of its centre.
+    A sphere reflects light at a point ``before_m`` in front of its centre. The (h, w) mask of the rings is also
+    returned.
     """
     height, width = depth.shape
     owner = np.full(height * width, np.inf, np.float32)
@@ -211,7 +209,7 @@ def _neighbours(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.minimum.reduce([depth, *four]), np.maximum.reduce([depth, *four])
 
 
-SECTOR_DEG = 30  # Width in degrees of the sectors in which joint angles are counted, from 0 to 180 degrees.
+SECTOR_DEG = 30  # Width in degrees of the bins of joint angles, from 0 to 180 degrees.
 _AT = {name: i for i, name in enumerate(SMPL_JOINTS)}
 _TRUNK = ("neck", "pelvis")
 _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
@@ -220,18 +218,18 @@ _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "thigh before trunk": (_TRUNK, ("hip", "knee")),
     "arm off trunk": (_TRUNK, ("shoulder", "elbow")),
 }
-"""Angles between two lines, each of which runs from one joint to another. Both sides are counted together."""
+"""Joint angles in the data card, as angles between two lines from joint to joint. Both sides are counted together."""
 
 
 def views_of(stage: Stage) -> list[int]:
-    """Count how often the person is seen from each of eight directions, starting at the front and turning left."""
+    """Count the views of the person from each of eight directions, from the front and turning left."""
     angle = direction_seen_from(stage.cameras, stage.person.orient, stage.joints[:, 0]) % (2 * np.pi)
     eighth = np.round(angle / (np.pi / 4)).astype(int) % 8
     return np.bincount(eighth.ravel(), minlength=8).tolist()
 
 
 def poses_of(joints: np.ndarray) -> dict[str, list[int]]:
-    """Count the joint angles of (F, 24, 3) joints in sectors of ``SECTOR_DEG``, starting at 0 degrees."""
+    """Count the joint angles of joints (F, 24, 3) in bins of ``SECTOR_DEG``, by name."""
     upright = np.broadcast_to([0.0, 0.0, 1.0], joints[:, 0].shape)
     found = {"trunk off upright": _counted(_angle(_line(joints, "pelvis", "neck", ""), upright))}
     for name, (one, other) in _LIMBS.items():

@@ -1,4 +1,4 @@
-"""Find the points that cameras see, using only a few matrix products.
+"""Find the points that cameras see, with a few matrix products.
 
 An ellipsoid of the body or a piece of furniture hides a point if it blocks the line of sight. The line ``t w`` from the
 camera, ``0 <= t <= 1``, intersects an ellipsoid ``(x - c)^T B (x - c) = 1`` if ``(w^T B c)^2 > (w^T B w) (c^T B c -
@@ -25,7 +25,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Row and column of t
 
 
 def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the (F, C, K, 3) lines from camera centres to just before (F, K, 3) points."""
+    """Return the (F, C, K, 3) vectors from camera centres to just before the points (F, K, 3)."""
     lines = (points[:, None] - centres[:, None]).astype(np.float32)
     length = np.sqrt(np.einsum("fcki,fcki->fck", lines, lines))
     return lines * np.maximum(1 - CLEARANCE_M / np.maximum(length, 1e-6), 0)[..., None]
@@ -66,22 +66,22 @@ _GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand")
 
 @dataclass(frozen=True)
 class RigidSight:
-    """Tables that state from which directions Q points on rigid parts are visible."""
+    """Lookup tables of the directions that see points on the head and hands."""
 
     point: np.ndarray  # (Q,) index of each point.
     bone: np.ndarray  # (Q,) bone that each table moves with.
-    table: np.ndarray  # (Q, cells) mask of the directions in which a point is hidden.
+    table: np.ndarray  # (Q, cells) mask of the directions that hide a point.
     parts: np.ndarray  # (Q, J) mask of the parts that each table accounts for.
 
     def hidden(self, centres: np.ndarray, points: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Return an (F, C, Q) mask of the points that bones hide."""
+        """Return an (F, C, Q) mask of the points that their own rigid part hides."""
         way = (centres[:, None] - points[:, None, self.point]).astype(np.float32)
         local = np.einsum("fqji,fcqj->fcqi", turn[:, self.bone].astype(np.float32), way, optimize=True)
         return self.table[np.arange(len(self.point)), _cell(local)]
 
 
 def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidSight:
-    """Compute the tables for a body's mean shape.
+    """Compute the lookup tables for a body's mean shape.
 
     Landmarks attached to the head or a single hand get a table. ``counted`` (J, K) is a mask of the points that each
     part can hide.
@@ -140,17 +140,17 @@ def _looking(way: np.ndarray) -> np.ndarray:
     return np.stack([side, np.cross(way, side), way])
 
 
-_SLAB_M = 0.08  # Length (m) of the slabs into which parts are cut along their longest axis, one ellipsoid each.
+_SLAB_M = 0.08  # Length (m) of a slab of a part along its longest axis. Each slab becomes an ellipsoid.
 _MOST_SLABS = 8
 _ALONG, _ACROSS = 0.7, 1.03  # Half axes of an ellipsoid relative to its slab, tuned to match the mesh's occlusion.
 _LEAST_M = 0.008
-_DIRECTIONS = 26  # Number of directions in which the extreme points of a part are searched.
+_DIRECTIONS = 26  # Number of directions for the search of a part's extreme points.
 _SPREAD = 120  # Number of points spread over the whole skin, in addition to the extreme points of the parts.
 
 
 @dataclass(frozen=True)
 class PosedProxy:
-    """A body proxy over F frames, in world metres."""
+    """A posed body proxy over F frames, in world coordinates in metres."""
 
     middle: np.ndarray  # (F, S, 3) centres of the ellipsoids.
     shape: np.ndarray  # (F, S, 3, 3) float32 matrices of the ellipsoids, 1/m^2.
@@ -168,7 +168,7 @@ class _Slab:
 
 @dataclass(frozen=True)
 class BodyProxy:
-    """S ellipsoids and P skin points that stand for a body shape."""
+    """A simplified body for visibility tests: S ellipsoids and P skin points."""
 
     landmarks: Landmarks  # Centres of the S ellipsoids, followed by the P points, without pose correctives.
     bone: np.ndarray  # (S,) bone that each ellipsoid rotates with.
@@ -176,7 +176,7 @@ class BodyProxy:
     share: np.ndarray  # (P,) fraction of the skin that each point represents.
 
     def posed(self, person: Person) -> PosedProxy:
-        """Pose the proxy like a person in F frames, in world metres."""
+        """Pose the proxy like a person in F frames."""
         found, count = person.pose(self.landmarks), len(self.bone)
         turn = found.skeleton.G[:, self.bone].astype(np.float32)
         shape = turn @ self.shape.astype(np.float32) @ np.swapaxes(turn, -1, -2)
@@ -184,7 +184,7 @@ class BodyProxy:
 
 
 def body_proxy(body: Body, betas: np.ndarray) -> BodyProxy:
-    """Return the proxy of a body with (10,) betas, fitted to the skin at rest."""
+    """Fit the proxy of a body with betas (10,) to its skin at rest."""
     slabs, landmarks, share = _plan(body)
     skin = body.v_template + body.shapedirs @ betas
     shapes = np.stack([_ellipsoid(skin[slab.vertices], slab.weight, slab.axis) for slab in slabs])
@@ -227,7 +227,7 @@ def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) ->
 
 
 def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) matrix of a slab's ellipsoid, computed from the half axes of a ring."""
+    """Return the (3, 3) matrix of a slab's ellipsoid, from the half axes of a ring."""
     centred = points - weight @ points
     along = centred @ axis
     flat = centred - np.outer(along, axis)
@@ -247,7 +247,7 @@ def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
-    """Return the given points and ``more`` others, each the furthest from all previous points."""
+    """Add ``more`` points to the given ones, each the furthest from all previous points."""
     off = (_squares(skin, skin[points]) + (skin**2).sum(axis=1)[:, None]).min(axis=1)
     found = points.tolist()
     for _ in range(more):
@@ -262,7 +262,7 @@ def _squares(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 class BodySight:
-    """Visibility of a body's K keypoints. The tables are cached per ``landmarks`` object."""
+    """Visibility of a body's K keypoints. Lookup tables are cached per ``landmarks`` object."""
 
     def __init__(self, body: Body, betas: np.ndarray, landmarks: Landmarks) -> None:
         self.proxy = body_proxy(body, betas)
@@ -279,14 +279,14 @@ class BodySight:
 def cast_lines(
     proxy: BodyProxy, person: Person, cameras: Cameras, points: np.ndarray, size: int = 32
 ) -> Iterator[tuple[slice, PosedProxy, np.ndarray]]:
-    """Yield blocks of ``size`` frames: the slice, the posed proxy, and the (F, K, 3) sight lines."""
+    """Yield chunks of ``size`` frames: the slice, the posed proxy, and the (F, C, K, 3) sight lines."""
     for start in range(0, len(points), size):
         chunk = slice(start, start + size)
         yield chunk, proxy.posed(person.part(chunk)), sight_lines(cameras.centres, points[chunk])
 
 
 def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return a (K, T) mask of the faces in the part or parts to which each point belongs."""
+    """Return a (K, T) mask of the faces in the body parts around each point, which cannot hide it."""
     own = own_faces(body, names)
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     for k, name in enumerate(names):
@@ -299,7 +299,7 @@ def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _tables(body: Body, landmarks: Landmarks) -> tuple[RigidSight, np.ndarray]:
-    """Return the tables of head and hands, and a (J, K) mask of the keypoints that they can hide."""
+    """Return the lookup tables of head and hands, and a (J, K) mask of the keypoints that each part can hide."""
     part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
     own = own_parts(body, landmarks.names)
     counted = np.stack([~own[:, part == bone].any(axis=1) for bone in range(len(body.parents))])

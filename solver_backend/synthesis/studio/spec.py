@@ -1,4 +1,4 @@
-"""Read the description of a data set: motions x people x camera arrays x looks."""
+"""Read data set descriptions: all combinations of motions, people, camera arrays and looks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LIGHT = ("day", "dim", "night", "random")
 
 @dataclass(frozen=True)
 class StudioLook:
-    """Appearance of a shot. Values of 'random' are drawn with the shot's seed."""
+    """Appearance of a shot. The shot's seed determines values of 'random'."""
 
     name: str
     clothes: str = "suit"  # Key of ``CLOTHES``.
@@ -42,7 +42,7 @@ class StudioLook:
     room: bool = True  # True for walls and a ceiling, False for a bare floor.
 
 
-_PRESETS: dict[str, dict[str, Any]] = {  # Values of each look preset; chosen by hand.
+_PRESETS: dict[str, dict[str, Any]] = {  # Values of each look preset. Chosen by hand.
     "suit": {"clothes": "suit", "hair": "short"},
     "bare": {"clothes": "bare", "hair": "none"},
     "everyday": {"clothes": "random", "hair": "random", "furniture": 2},
@@ -53,14 +53,14 @@ _PRESETS: dict[str, dict[str, Any]] = {  # Values of each look preset; chosen by
 
 
 def read_look(description: Any) -> StudioLook:
-    """Read a look from a preset name or an object. Raise ``StudioInvalid`` if it is invalid."""
+    """Read a look from a preset name or an object, or raise ``StudioInvalid``."""
     values = CheckedValues.described(description, "look", StudioLook.__dataclass_fields__, _PRESETS)
     limits = {"clothes": CLOTHES, "hair": HAIR, "light": LIGHT, "furniture": (0, 20)}
     return values.fill(StudioLook, limits, name=values.text("name", "look"))
 
 
 def draw_light(light: str, rng: np.random.Generator) -> str:
-    """Return a light, with 'random' replaced by a random choice."""
+    """Choose a light. 'random' is replaced by a random choice."""
     drawn = str(rng.choice([name for name in LIGHT if name != "random"]))
     return drawn if light == "random" else light
 
@@ -97,7 +97,7 @@ by hand.
 
 
 def read_faults(description: Any) -> Faults:
-    """Read faults from a preset name or an object, which may extend a preset.
+    """Read simulated faults from a preset name or an object, which may extend a preset.
 
     Raises:
         StudioInvalid: a key or preset is unknown, or a value is invalid.
@@ -111,7 +111,7 @@ def read_faults(description: Any) -> Faults:
 
 
 def sizes_of(faults: Faults) -> dict[str, float]:
-    """Return the size of each fault, under the key that descriptions use."""
+    """Return the size of each fault by its key in descriptions."""
     parts = {"": faults, "detector": faults.detector, "cameras": faults.cameras, "markers": faults.markers}
     return {key: getattr(parts["".join(path[:-1])], path[-1]) for key, path in _PERTURBATION_KEYS.items()}
 
@@ -128,16 +128,16 @@ ENGINES = ("workbench", "cycles", "eevee")
 
 @dataclass(frozen=True)
 class People:
-    """The people in the data set."""
+    """The simulated people in a data set."""
 
     count: int = 1
-    sigma: float = 0.8  # Standard deviation of their shapes relative to that of the population.
-    strange: bool = False  # Whether to give them proportions outside the solver's shape space.
+    sigma: float = 0.8  # Standard deviation of their shapes relative to the population's.
+    strange: bool = False  # True gives them proportions outside the solver's shape space.
 
 
 @dataclass(frozen=True)
 class RgbSettings:
-    """Settings of the colour images, which Blender renders."""
+    """Settings of colour images, which Blender renders."""
 
     engine: str = "workbench"  # 'workbench' is fast. 'cycles' and 'eevee' simulate the lighting of the room.
     samples: int = 4  # Samples per pixel for 'cycles' and 'eevee'.
@@ -154,7 +154,7 @@ _RGB_LIMITS |= {"noise": (0.0, 1.0), "rolling_s": (0.0, 1.0)}
 
 @dataclass(frozen=True)
 class Spec:
-    """The description of a whole data set."""
+    """The description of a data set."""
 
     name: str
     seed: int
@@ -171,18 +171,18 @@ class Spec:
     perturb: Faults
     hands: bool  # True if the fingers move and captures contain hands.
     rgb: RgbSettings
-    folder: Path  # Folder to which relative paths refer.
+    folder: Path  # Base of relative paths.
     text: str  # Description as plain JSON with sorted keys, which identifies the data set.
 
 
 def read_spec(path: Path | str) -> Spec:
-    """Read a description from a file. Raise FileMissing, FileDamaged or the errors of ``spec_of``."""
+    """Read a data set description from a file. Raise FileMissing, FileDamaged or errors of ``spec_of``."""
     path = Path(path)
     return spec_of(read_json(path), path.resolve().parent)
 
 
 def spec_of(values: Any, folder: Path = Path()) -> Spec:
-    """Build a description from plain values.
+    """Build a data set description from plain values.
 
     Raises:
         StudioInvalid: a key or preset is unknown, a type is wrong, or a value is invalid.

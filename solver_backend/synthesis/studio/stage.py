@@ -1,4 +1,4 @@
-"""List the shots in a description and set up each one: person, clothes, cameras and room."""
+"""List the shots of a data set, and prepare each one: person, clothes, cameras and room."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from solver_backend.synthesis.studio.spec import Spec, StudioLook, draw_light
 from solver_backend.synthesis.studio.z_buffer import in_camera, in_pictures
 from solver_backend.types import NUM_BETAS, Cameras, JointSet
 
-_MOST_BETA = 2.5  # Largest absolute shape coefficient in standard deviations; chosen by hand.
+_MOST_BETA = 2.5  # Largest absolute shape coefficient in standard deviations. Chosen by hand.
 CLEARANCE_M = 0.1  # Smallest distance between a camera and the skin in metres.
-_NEAREST = 60  # Number of frames in which the skin is checked: those in which a joint is nearest to the camera.
+_NEAREST = 60  # Number of frames with a skin check: the ones with a joint nearest to the camera.
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One take of one person in front of one camera array."""
+    """One motion, performed by one person in front of one camera array."""
 
     name: str  # Unique name within the data set, also used for the folder.
     motion: MotionSource
@@ -38,18 +38,18 @@ class Shot:
     look: StudioLook
 
     def rng(self, spec: Spec, stream: str) -> np.random.Generator:
-        """Return the random generator for one aspect of this shot, seeded by the data set's seed and the names."""
+        """Return a random generator for one aspect of the shot, from the data set's seed and the names."""
         return seeded(spec.seed, self.name, stream)
 
 
 def seeded(seed: int, *names: str) -> np.random.Generator:
-    """Return a random generator seeded by a number and names (SHA-256)."""
+    """Create a random generator from a seed and names (SHA-256)."""
     digest = hashlib.sha256("\0".join([str(seed), *names]).encode()).digest()
     return np.random.default_rng(np.frombuffer(digest, np.uint32))
 
 
 def list_shots(spec: Spec) -> tuple[Shot, ...]:
-    """Return all shots in a description, in order. Raise ``FileMissing`` if a motion does not exist."""
+    """List all shots of a description, in order. Raise ``FileMissing`` if a motion does not exist."""
     motions, shots = find_motions(list(spec.motions), spec.folder), []
     for motion, person, array, look in product(motions, range(spec.people.count), spec.arrays, spec.looks):
         parts = (motion.name, f"person{person:03d}", array.name, look.name)
@@ -58,7 +58,7 @@ def list_shots(spec: Spec) -> tuple[Shot, ...]:
 
 
 def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:
-    """Return the body and the (10,) shape of a person. They are the same in every shot."""
+    """Return a person's body and shape (10,), which are equal in every shot."""
     rng = seeded(spec.seed, "person", str(person))
     betas = np.clip(spec.people.sigma * rng.normal(size=NUM_BETAS), -_MOST_BETA, _MOST_BETA)
     return (strange_body(int(rng.integers(2**31))) if spec.people.strange else load_body()), betas
@@ -66,7 +66,7 @@ def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:
 
 @dataclass(frozen=True)
 class Stage:
-    """Everything in front of the cameras over F frames."""
+    """Person, clothes, cameras and room of a shot over F frames."""
 
     shot: Shot
     person: Person
@@ -83,7 +83,7 @@ class Stage:
 
     @property
     def num_frames(self) -> int:
-        """Number of frames."""
+        """Number of frames F of the shot."""
         return len(self.person.transl)
 
     def surface(self, frames: np.ndarray) -> np.ndarray:
@@ -93,7 +93,7 @@ class Stage:
 
 
 def set_up(spec: Spec, shot: Shot) -> Stage:
-    """Set up the stage for a shot. Raise ``MocapError`` if the motion cannot be read."""
+    """Prepare a shot for rendering. Raise ``MocapError`` if the motion cannot be read."""
     body, betas = cast(spec, shot.person)
     person = shot.motion.play(body, betas, spec.fps, spec.frames)
     joints = person.landmarks(JointSet.SMPL_24).points

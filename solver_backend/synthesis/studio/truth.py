@@ -21,12 +21,12 @@ from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Cameras, JointSet,
 
 OUTSIDE, SELF_HIDDEN, FURNITURE_HIDDEN, VISIBLE = 0, 1, 2, 3  # Visibility: hidden by the body or by furniture.
 _SOLE_M, _STANDING_M_S = 0.03, 0.15
-_TURNED_AWAY = -0.4  # Cosine to the line of sight below which a limb hides its marker, tuned on rendered images.
+_TURNED_AWAY = -0.4  # Smallest cosine of a visible marker's normal to the line of sight, tuned on rendered images.
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground truth for F frames and C cameras."""
+    """Ground truth of a shot for F frames and C cameras."""
 
     keypoints3d: dict[JointSet, np.ndarray]  # (F, K, 3) positions in metres for each joint set.
     xy: dict[JointSet, np.ndarray]  # (C, F, K, 2) pixels, also of hidden points. NaN where projection is impossible.
@@ -34,7 +34,7 @@ class Truth:
     marker_xy: np.ndarray  # (C, F, M, 2) pixels.
     boxes: np.ndarray  # (C, F, 4) box around the person in px: left, top, right, bottom. NaN if not visible.
     inside: np.ndarray  # (C, F) fraction of the person that is inside the image.
-    contacts: np.ndarray  # (F, 2) mask of frames in which the left and right foot stand.
+    contacts: np.ndarray  # (F, 2) mask of the frames with the left and right foot on the floor.
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return the ground truth as plain arrays by name."""
@@ -68,7 +68,7 @@ def find_truth(stage: Stage, fps: float, *, sight: bool = True) -> Truth:
 
 
 def true_motion(person: Person, joints: np.ndarray, contacts: np.ndarray, fps: float) -> Motion:
-    """Return the person's motion."""
+    """Return a simulated person's true motion."""
     pose = np.zeros((len(person.transl), 3 * (NUM_JOINTS - 1)))
     pose[:, : 3 * NUM_BODY_JOINTS] = log_so3(person.local).reshape(len(pose), -1)
     source = {"source": "studio", "settings": {"body": "neutral"}}
@@ -78,7 +78,7 @@ def true_motion(person: Person, joints: np.ndarray, contacts: np.ndarray, fps: f
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> tuple[Landmarks, dict[JointSet, list[int]]]:
-    """Return the distinct landmarks of all joint sets, and the columns of each set among them."""
+    """Return the distinct keypoints of all joint sets, and the columns of each set among them."""
     parts: list[Landmarks] = []
     known: dict[bytes, int] = {}
     columns: dict[JointSet, list[int]] = {chosen: [] for chosen in JointSet}
@@ -94,7 +94,7 @@ def _keypoints(body: Body) -> tuple[Landmarks, dict[JointSet, list[int]]]:
 
 
 def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C, f, 4) boxes around (f, P, 3) points, clipped to the image, and the (C, f) fractions inside."""
+    """Return (C, f, 4) boxes around points (f, P, 3), clipped to the image, and (C, f) fractions inside it."""
     px = project(cameras, skin)
     # Reduce one axis at a time, because reductions over an axis of length two are slow.
     x, y = (np.ascontiguousarray(px[..., i]) for i in (0, 1))
@@ -108,7 +108,7 @@ def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.nd
 
 
 def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 2) contacts. A foot stands if its lowest sole point is slow and near the floor."""
+    """Return (F, 2) floor contacts. A foot stands if its lowest sole point is slow and near the floor."""
     names = JointSet.BODY_25.keypoints
     standing = []
     for side in ("left", "right"):
@@ -119,9 +119,9 @@ def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:
 
 
 def marker_sight(stage: Stage) -> np.ndarray:
-    """Return (C, F, M) float32: 1 where a camera sees a marker, otherwise 0.
+    """Return the visibility (C, F, M) of markers as float32: 1 for visible and 0 for hidden markers.
 
-    A marker is hidden if the skin at its position turns away from the camera. Other limbs and furniture can block the
+    A marker is hidden if the skin at its position faces away from the camera. Other limbs and furniture can block the
     line of sight. 90 % of the results agree with rendered images.
     """
     cameras, person = stage.cameras, stage.person

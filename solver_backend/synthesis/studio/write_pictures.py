@@ -1,4 +1,4 @@
-"""Write images of a shot from a thread with limited memory: ``kind/camera/000000.png`` or ``.exr``."""
+"""Write the files of a shot: images (``kind/camera/000000.png``), annotations, trials and scenes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LINES = 16  # Number of lines per ZIP-compressed block in OpenEXR.
 
 
 def exr_bytes(channels: Mapping[str, np.ndarray]) -> bytes:
-    """Encode an image of (h, w) float32 channels, such as 'Z' or 'R', 'G', 'B', as an OpenEXR file."""
+    """Encode (h, w) float32 channels, such as 'Z' or 'R', 'G', 'B', as an OpenEXR image."""
     names = sorted(channels)
     planes = np.stack([np.asarray(channels[name], "<f4") for name in names], axis=1)
     height, _, width = planes.shape
@@ -58,7 +58,7 @@ def _header(names: list[str], width: int, height: int) -> bytes:
 
 
 def _predicted(raw: bytes) -> bytes:
-    """Return the bytes at even positions, followed by those at odd positions, as differences."""
+    """Return the bytes at even positions, followed by the bytes at odd positions, as differences."""
     data = np.frombuffer(raw, np.uint8)
     parted = np.concatenate([data[0::2], data[1::2]]).astype(np.int16)
     parted[1:] = parted[1:] - parted[:-1] + 128
@@ -71,7 +71,7 @@ _WAITING = 16  # Maximum number of images waiting to be written.
 
 
 class PictureWriter:
-    """Writes images while the next ones are being rendered. Compression releases Python's global lock."""
+    """Writes images in a thread while others are rendered, with a limited number of waiting images."""
 
     def __init__(self, folder: Path, cameras: tuple[str, ...]) -> None:
         self._folder, self._cameras = folder, cameras
@@ -91,7 +91,7 @@ class PictureWriter:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
     def __call__(self, kind: str, view: int, frame: int, picture: np.ndarray) -> None:
-        """Queue an image for writing. If an earlier image could not be written, raise its error."""
+        """Queue an image for writing. Raise the error of an earlier image that could not be written."""
         folder = self._folder / kind / self._cameras[view]
         if frame == 0:
             folder.mkdir(parents=True, exist_ok=True)
@@ -156,7 +156,7 @@ show_interp_indices = true
 make_c3d = false
 """
 """Settings that Pose2Sim's triangulation requires, with Pose2Sim's default values."""
-_WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Number of keypoints in a file if it is less than the joint set's.
+_WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Number of keypoints in a file if it exceeds the joint set's.
 
 
 def write_trial(folder: Path, capture: Capture) -> Path:
@@ -180,7 +180,7 @@ def write_trial(folder: Path, capture: Capture) -> Path:
 
 
 def frame_text(keypoints: Keypoints2D, view: int, frame: int) -> str:
-    """Return one frame in OpenPose's JSON format, in which missing keypoints are 0 0 0."""
+    """Return one frame of keypoints in OpenPose's JSON format. Missing keypoints are 0 0 0."""
     xy, confidence = keypoints.xy[view, frame], keypoints.confidence[view, frame]
     count = _WRITTEN.get(keypoints.joint_set, len(xy))
     rows = np.zeros((count, 3))
@@ -194,7 +194,7 @@ FORMAT, VERSION = "manifold_mocap_studio_scene", 1
 
 
 def write_scene(path: Path, stage: Stage) -> Path:
-    """Write the static parts of a scene, without motion or cameras."""
+    """Write the static parts of a shot's scene, without motion and cameras."""
     costume, room = stage.costume, stage.room
     arrays = {"format": np.array(FORMAT), "version": np.array(VERSION), "base": costume.base.astype(np.int32)}
     arrays |= {"offset_m": costume.offset_m.astype(np.float32), "faces": costume.faces.astype(np.int32)}
@@ -205,7 +205,7 @@ def write_scene(path: Path, stage: Stage) -> Path:
 
 
 def write_body(path: Path, body: Body) -> Path:
-    """Write a body in the format that ``load_body`` reads, including the names of joints outside the SMPL family."""
+    """Write a body file for ``load_body``, including the names of joints outside the SMPL family."""
     layout = body.layout
     known = FAMILY.get(layout.num_joints)
     own = known is None or known.joints != layout.joints

@@ -15,8 +15,8 @@ from solver_backend.exchange.lens import distort, is_pinhole, pixels
 from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.types import Cameras
 
-NEAR_M = 0.02  # Triangles that have a corner closer than this are omitted, metres.
-_WIDEST = 1.2  # Normalised radius beyond which a distortion polynomial is not valid.
+NEAR_M = 0.02  # Smallest depth of a triangle's corners in metres. Closer triangles are omitted.
+_WIDEST = 1.2  # Largest normalised radius of a valid distortion polynomial.
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ZBuffer:
 
 
 def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) camera coordinates and (N, 2) pixels of world points, NaN if undefined."""
+    """Return the (N, 3) camera coordinates and (N, 2) pixels of world points, NaN if undefined."""
     camera = points @ cameras.R[view].T + cameras.t[view]
     z = camera[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -41,13 +41,13 @@ def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarr
 
 
 def in_pictures(px: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return a (C, ...) mask of the pixels (C, ..., 2) that are inside each camera's image, given (C, 2) sizes."""
+    """Return a (C, ...) mask of the pixels (C, ..., 2) inside each camera's image of (C, 2) size."""
     with np.errstate(invalid="ignore"):
         return ((px >= -0.5) & (px < sizes.reshape(-1, *[1] * (px.ndim - 2), 2) - 0.5)).all(axis=-1)
 
 
 def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> ZBuffer:
-    """Compute the z-buffer of a mesh.
+    """Find the nearest triangle of a mesh in each pixel of an image.
 
     A pixel belongs to a triangle if all three barycentric coordinates of its centre are non-negative.
 
@@ -101,12 +101,12 @@ def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[
 
 RADIUS_M = 0.007  # Radius of a typical 14 mm marker.
 _SUBSAMPLES = 5
-_CLEARANCE_M = 0.012  # Objects that are less than this in front of a sphere's centre are its own base and the skin.
+_CLEARANCE_M = 0.012  # Largest distance in front of a sphere's centre of its own base and the skin, in metres.
 
 
 @dataclass(frozen=True)
 class Spheres:
-    """M spheres as seen in one image."""
+    """M spherical markers in the image of one camera."""
 
     px: np.ndarray  # (M, 2) pixels of the centres, NaN unless in front of the camera.
     depth: np.ndarray  # (M,) depths in metres along the optical axis.
@@ -118,7 +118,7 @@ class Spheres:
 
 
 def see_spheres(cameras: Cameras, view: int, points: np.ndarray, scene_depth: np.ndarray) -> Spheres:
-    """Compute how a camera sees spheres at (M, 3) world points in front of a scene of (h, w) depth.
+    """Compute the visibility of spheres at world points (M, 3) in front of a scene with depth (h, w).
 
     Each disc is sampled 5 x 5 times per pixel. A sample is hidden if the scene is clearly nearer at that pixel.
     """

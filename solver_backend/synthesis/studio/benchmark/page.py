@@ -1,4 +1,4 @@
-"""Show the benchmark results as a text table and as a page with errors and the worst frames."""
+"""Show the results of a data set's benchmark as a text table and as a page."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from solver_backend.synthesis.studio.data_set import SHOTS
 from solver_backend.synthesis.studio.z_buffer import in_camera
 from solver_backend.types import SMPL_PARENTS
 
-_WORST = 4  # Number of frames with the largest errors that the page shows; chosen by hand.
+_WORST = 4  # Number of frames with the largest errors that the page shows. Chosen by hand.
 _KINDS = ("rgb", "infrared", "masks")
 _TRUE, _FOUND = (60, 220, 110), (255, 80, 60)
 
 
 def table(verdicts: Sequence[Verdict]) -> str:
-    """Return the mean results over all shots as lines of text."""
+    """Return the mean results over all shots as a text table."""
     wide = max((len(v.array) for v in verdicts), default=0) + 2
     head = f"{'array':<{wide}}{'input':<9}{'method':<15}{'faults':<11}{'shots':>6}"
     lines = [f"{head}{'MPJPE':>9}{'PA':>11}{'accel':>8}{'time':>8}  failed"]
@@ -47,7 +47,7 @@ def table(verdicts: Sequence[Verdict]) -> str:
 
 
 def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequence[PlaceErrors] = ()) -> str:
-    """Return the HTML page for the data set in ``out``."""
+    """Return the benchmark page of the data set in ``out`` as HTML."""
     parts = []
     if verdicts:
         means = section("All shots", f"<pre>{text(table(verdicts))}</pre>", "Means over the solved shots.", "means")
@@ -77,7 +77,7 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
 
 
 def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
-    """Draw the error at each position as SVG, light where it is small. Several maps can share one scale."""
+    """Draw the error at each floor position as SVG, from light (``low_mm``) to dark (``high_mm``)."""
     xs, ys = places.x_m, places.y_m
     cell = 34.0
     width, height = cell * len(xs), cell * len(ys)
@@ -143,7 +143,7 @@ def _time_section(out: Path, verdicts: Sequence[Verdict]) -> str:
 
 
 def _worst(out: Path, verdicts: Sequence[Verdict]) -> str:
-    """Show the worst frames: the ground truth in green and the solve in red, drawn over a camera image."""
+    """Show the worst frames, with the true skeleton in green and the solved one in red."""
     frames = [
         (float(np.nanmax(v.by_frame_mm)), v, int(np.nanargmax(v.by_frame_mm)))
         for v in verdicts
@@ -159,7 +159,7 @@ def _worst(out: Path, verdicts: Sequence[Verdict]) -> str:
 
 
 def _worst_picture(out: Path, verdict: Verdict, frame: int) -> np.ndarray:
-    """Return the (h, w, 3) uint8 image of the camera in which the error is most visible, with both skeletons."""
+    """Return the (h, w, 3) uint8 image of the camera that shows the error best, with both skeletons."""
     capture = read_capture(out / SHOTS / verdict.shot / "clean.npz")
     assert capture.cameras is not None and verdict.joints is not None
     truth, cameras = np.asarray(capture.truth["joints"])[frame], capture.cameras

@@ -31,13 +31,13 @@ from solver_backend.synthesis.studio.stage import seeded
 from solver_backend.types import Cameras, JointSet
 
 _POSES, _DRAWS = 5, 8  # Number of poses per position, and of simulated detections per pose.
-_FPS = 30.0  # Frame rate of the simulated person in 1/s; chosen by hand.
+_FPS = 30.0  # Frame rate of the simulated person in 1/s. Chosen by hand.
 _SET = JointSet.BODY_25
 
 
 @dataclass(frozen=True)
 class PlaceErrors:
-    """Errors on a floor grid of Y rows and X columns."""
+    """A camera array's errors on a floor grid of Y rows and X columns."""
 
     array: str
     x_m: np.ndarray  # (X,) positions in metres.
@@ -48,7 +48,7 @@ class PlaceErrors:
 
     @property
     def median_mm(self) -> float | None:
-        """Median over the positions at which the person was located, or None if there are none."""
+        """Median error over all positions with triangulated keypoints, or None without any."""
         return float(np.nanmedian(self.error_mm)) if np.isfinite(self.error_mm).any() else None
 
 
@@ -62,8 +62,8 @@ def place_errors(
 ) -> PlaceErrors:
     """Predict the error of a camera array over a square floor with sides of ``2 half_m``.
 
-    At each position, a person takes several poses from the choreography. A simulated detector observes each pose
-    several times. Keypoints detected by at least two cameras are triangulated as in a solve.
+    At each position, a person takes several poses from the demo motion. A simulated detector observes each pose several
+    times. Keypoints detected by at least two cameras are triangulated as in a solve.
     """
     body, betas = load_body(), np.zeros(10)
     person = MotionSource("choreography", None).play(body, betas, _FPS, 180)
@@ -104,14 +104,14 @@ def place_errors(
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> Landmarks:
-    """Return the keypoints. They are always the same object, which serves as the key of the cached sight tables."""
+    """Return the keypoints, always as the same object, because it is the key of cached sight tables."""
     return keypoint_landmarks(body, _SET)
 
 
 def _look(
     true: Cameras, person: Person, points: np.ndarray, hidden: np.ndarray, faults: Faults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Observe each pose several times. Return (C, F, K, 2) detections and (C, F, K) confidences."""
+    """Simulate several detections of each pose, (C, F, K, 2), and their confidences (C, F, K)."""
     px = project(true, points)
     with np.errstate(invalid="ignore"):
         inside = ((px >= 0) & (px < true.image_size[:, None, None])).all(-1)
@@ -125,7 +125,7 @@ def _look(
 
 
 def places_text(places: Sequence[PlaceErrors]) -> str:
-    """Return the maps as JSON for other programs, with null where the person was not located."""
+    """Return the error maps as JSON for other programs. Positions without triangulated keypoints are null."""
     maps = []
     for p in places:
         values = {"camera_array": p.array, "x_m": p.x_m.tolist(), "y_m": p.y_m.tolist(), "cameras": p.cameras.tolist()}

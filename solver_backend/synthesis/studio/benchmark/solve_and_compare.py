@@ -1,4 +1,4 @@
-"""Solve every shot in a data set by every method, and compare the results with the ground truth."""
+"""Solve every shot of a data set by several methods, and compare the results with the ground truth."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from solver_backend.metrics import accel_error_m_s2, mpjpe_mm, pa_mpjpe_mm
 from solver_backend.synthesis.studio.data_set import SHOTS, read_data_set
 from solver_backend.types import Capture
 
-YARDSTICK = "triangulation"  # The method that needs no body: triangulation and a 6 Hz filter.
+YARDSTICK = "triangulation"  # Baseline method without a body: triangulation and a 6 Hz filter.
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of solving one shot once."""
+    """Result of solving one capture of a shot by one method."""
 
     shot: str
     faults: str
@@ -49,10 +49,10 @@ def solve_and_compare(
     progress: Progress = silent,
     settings: SolveSettings = SolveSettings(),
 ) -> list[Verdict]:
-    """Solve every shot in a data set by every method. Failed solves are returned with their errors.
+    """Solve every shot of a data set by every method. Failed solves are returned with their errors.
 
     Args:
-        methods: solver methods, or 'triangulation'.
+        methods: solve methods, or 'triangulation'.
         sources: 'views', 'markers' or both. If empty, the sources with faults are used, or views if there are none.
         faults: 'clean', 'perturbed' or both.
 
