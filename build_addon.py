@@ -1,13 +1,13 @@
-"""Build the extension: one zip with the add-on, the solver, the body and the weights, and a repository's index.
+"""Build the extension's zip with the add-on, the solver, the body and the weights, and a repository index.
 
-``python build_addon.py [--out DIR]`` writes ``manifold_mocap-<version>.zip`` and its bill of materials
-(``.cdx.json``, CycloneDX), has Blender's own extension tool validate
-it where the ``bpy`` module is installed, and has the same tool write ``index.json``: the folder can then be served by
-any web server as an extension repository. Same sources, same bytes.
+``python build_addon.py [--out DIR]`` writes ``manifold_mocap-<version>.zip`` and its bill of materials (``.cdx.json``,
+CycloneDX). If the ``bpy`` module is installed, Blender's own extension tool validates the zip and writes
+``index.json``. Any web server can then serve the folder as an extension repository. The same sources give the same
+bytes.
 
-``--with-detector PLATFORM`` writes a larger zip for one platform and one Python of Blender. It includes LiteRT, PyAV
-and MediaPipe's models, and so reads videos without any installation. ``--with-boards`` adds OpenCV, which finds
-calibration boards.
+``--with-detector PLATFORM`` writes a larger zip for one platform and one Python version of Blender. It includes LiteRT,
+PyAV and MediaPipe's models, so that it reads videos without any installation. ``--with-boards`` adds OpenCV, which
+finds calibration boards.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ EXCHANGE = SOLVER / "exchange"
 MANIFEST = ADDON / "blender_manifest.toml"
 _LEFT_OUT = frozenset({"__pycache__"})
 _COMPARED = frozenset({"vposer", "vposer_worded", "rvposer_second_norm"})
-"""Priors that a solve is compared with, and the table of all: no user of the extension needs them."""
+"""Priors that only comparisons need. The extension omits them."""
 _SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt", ".c3d"})
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The earliest time in a zip. With it the same sources always give the same zip."""
+"""Earliest time that a zip can store. With a constant time, the same sources give the same zip."""
 _LIMIT_MIB = 13
-"""Size of the zip at most, MiB. Chosen by hand."""
+"""Largest size of the zip in MiB. Chosen by hand."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Build, validate and index. Return 0 if all went well."""
+    """Build the extension, validate it and write the index. Return the exit code."""
     args = parse_script("Build the Blender extension.", *_OPTIONS, argv=arguments)
     out = args.out
     if args.with_boards and args.with_detector is None:
@@ -89,11 +89,11 @@ class Detector:
 
     @property
     def finds_boards(self) -> bool:
-        """True if OpenCV is included."""
+        """True if OpenCV is included, which finds calibration boards."""
         return any(path.name.startswith("opencv") for path in self.wheels)
 
     def in_manifest(self, text: str) -> str:
-        """Return the text of the manifest with the platform and the wheels."""
+        """Add the platform and the wheels to the text of the manifest."""
         lines = [f'platforms = ["{self.platform}"]', "wheels = ["]
         lines += [*(f'    "./wheels/{path.name}",' for path in self.wheels), "]", ""]
         before, permissions, after = text.partition("[permissions]")
@@ -101,13 +101,13 @@ class Detector:
 
 
 def read_detector(platform: str, python: str, source: Path | None = None, *, boards: bool = False) -> Detector:
-    """Fetch the wheels of a detector and read its models. See ``supply.detector_wheels.fetch``."""
+    """Fetch the wheels of a detector, and read its models (see ``supply.detector_wheels.fetch``)."""
     wheels, models = fetch(platform, python, ROOT / "dist" / "wheels", source, boards=boards)
     return Detector(platform, python, tuple(wheels), read_models(models))
 
 
 def build(out: Path, detector: Detector | None = None) -> Path:
-    """Write the zip and its bill of materials into a folder, replacing older ones, and return the zip's path."""
+    """Write the zip and its bill of materials to a folder, and return the zip's path."""
     text = MANIFEST.read_text(encoding="utf-8")
     manifest = tomllib.loads(text)
     files: dict[str, Path | bytes] = {**contents()}
@@ -135,8 +135,8 @@ def build(out: Path, detector: Detector | None = None) -> Path:
 def contents() -> dict[str, Path]:
     """Return the files of the extension by their names in the zip, sorted.
 
-    The solver is in a folder of its own, so that a child process that finds it finds nothing of the add-on.
-    The exchange library is in both halves: each imports its own.
+    The solver is in its own folder, from which a child process cannot import the add-on. Both contain the exchange
+    library, and each one imports its own copy.
     """
     found = {path.relative_to(ADDON).as_posix(): path for path in _files(ADDON)}
     found |= {f"_exchange/{path.relative_to(EXCHANGE).as_posix()}": path for path in _files(EXCHANGE)}
@@ -146,7 +146,7 @@ def contents() -> dict[str, Path]:
 
 
 def extension_tool() -> Path | None:
-    """Return Blender's extension tool inside the installed ``bpy`` module, None if there is none."""
+    """Return the path of Blender's extension tool in the installed ``bpy`` module, or None without one."""
     spec = find_spec("bpy")
     if spec is None or spec.origin is None:
         return None

@@ -30,13 +30,13 @@ STAMP = VENV / "manifold_mocap.stamp"
 IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {WANTED})"
 EXTRAS = ("torch", "bpy", "capture", "oak", "train", "scale", "dev")
 LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
-"""Packages of Debian and Ubuntu that the Blender module loads. The last two are for rendering."""
+"""Debian and Ubuntu packages that the Blender module loads. The last two are for rendering."""
 SITE = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
 PROBE = "import bpy, ctypes, sys; sys.platform == 'linux' and ctypes.CDLL('libEGL.so.1')"
 
 
 class Failed(Exception):
-    """A failed step, with a message and a hint."""
+    """Error of a failed step, with a message and a hint."""
 
     def __init__(self, message: str, hint: str = "", code: int = 1) -> None:
         self.message, self.hint, self.code = message, hint, code
@@ -102,13 +102,13 @@ def set_up() -> None:
 
 
 def fingerprint() -> str:
-    """Return the hash of everything that the environment depends on."""
+    """Return a hash of everything that determines the environment's contents."""
     parts = ((ROOT / "pyproject.toml").read_bytes(), repr((EXTRAS, sys.version, str(ROOT))).encode())
     return hashlib.sha256(b"\0".join(parts)).hexdigest()
 
 
 def make_venv() -> None:
-    """Create the virtual environment. Replace one that has no pip or another Python."""
+    """Create the virtual environment, or replace one without pip or with another Python version."""
     if PYTHON.exists() and call([str(PYTHON), "-c", f"import pip; {IS_WANTED}"], quiet=True) == 0:
         return
     if call([sys.executable, "-m", "venv", "--clear", str(VENV)]) != 0:
@@ -117,7 +117,7 @@ def make_venv() -> None:
 
 
 def install() -> None:
-    """Install the project with every extra in one resolved step, so that nothing pulls in another NumPy later."""
+    """Install the project with all extras in one step, so that no later step replaces NumPy."""
     project = f"{ROOT}[{','.join(EXTRAS)}]"
     env = {name: value for name, value in os.environ.items() if name != "UV_SYSTEM_PYTHON"}
     for uv_name, pip_name in (("UV_FIND_LINKS", "PIP_FIND_LINKS"), ("UV_DEFAULT_INDEX", "PIP_INDEX_URL")):
@@ -140,7 +140,7 @@ def install() -> None:
 
 
 def check_blender() -> None:
-    """Import the Blender module. On Debian and Ubuntu, install missing system libraries or print how to."""
+    """Check that the Blender module loads. Install missing Debian packages if possible."""
     apt = shutil.which("apt-get")
     missing = blender_error() or (apt and not any(Path("/usr/lib").glob("*/dri/*_dri.so")) and "no software renderer")
     if not missing:
@@ -194,7 +194,7 @@ def demo(args: argparse.Namespace) -> int:
 
 
 def demo_folder(args: argparse.Namespace) -> Path:
-    """Return the new folder for the results. Check that it is empty and writable."""
+    """Return the folder for the results. Check that it is empty and writable."""
     if args.capture is not None and not args.capture.exists():
         raise Failed(f"There is no capture at {args.capture}.", "Check the path.", 2)
     name = f"embedded{'_markers' * args.markers}" if args.capture is None else args.capture.resolve().stem
@@ -211,7 +211,7 @@ def demo_folder(args: argparse.Namespace) -> Path:
 
 
 def stage(name: str, work: Callable[[], None], number: int, count: int) -> None:
-    """Run one stage and print its duration."""
+    """Run one stage of the demo, and print its duration."""
     print(f"\n[{number}/{count}] {name}", flush=True)
     start = time.monotonic()
     work()
@@ -219,7 +219,7 @@ def stage(name: str, work: Callable[[], None], number: int, count: int) -> None:
 
 
 def require(command: list[str], out: Path) -> None:
-    """Run a command that must succeed."""
+    """Run a command, and raise ``Failed`` if it fails. Remove the output folder if it is empty."""
     if (code := call(command)) == 0:
         return
     if not (kept := any(out.iterdir())):
@@ -228,7 +228,7 @@ def require(command: list[str], out: Path) -> None:
 
 
 def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None = None) -> int:
-    """Run a command in the repository's root and return its exit code."""
+    """Run a command in the repository's root, and return its exit code."""
     try:
         out = subprocess.DEVNULL if quiet else None
         process = subprocess.Popen(command, cwd=ROOT, env=env, stdout=out, stderr=out)
@@ -245,7 +245,7 @@ def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None 
 
 
 def with_wanted_python() -> int:
-    """Run ``main`` in the required Python, this one or another one on the machine."""
+    """Run ``main`` in the required Python version, either in this process or in a new one."""
     if "--python" in sys.argv[:-1]:
         place = sys.argv.index("--python")
         os.environ["MOCAP_DEV_PYTHON"] = sys.argv[place + 1]

@@ -1,1 +1,1 @@
-"""Reproduce published methods and compare with them. The extension does not contain this package."""
+"""Reproduce published methods, and compare them with the solver. The extension does not contain this package."""

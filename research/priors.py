@@ -1,4 +1,4 @@
-"""Priors to compare with the solver's priors, and a table of all priors by name."""
+"""Define pose priors that are only compared with the solver's priors, and load any prior by name."""
 
 from __future__ import annotations
 
@@ -35,12 +35,15 @@ SVAE_DIM = 32  # Length of the code, as in SPoser.
 
 
 class SphericalVAE(PoseAutoencoder):
-    """Poses as unit vectors in R^32. Each pose has a von Mises-Fisher posterior, and the prior is uniform."""
+    """SVAE, a pose autoencoder with unit vectors in R^32 as codes.
+
+    Each pose has a von Mises-Fisher posterior, and the prior is uniform on the sphere.
+    """
 
     name = "svae"
 
     def posterior(self, rotations: Poses) -> tuple[Codes, Energies]:
-        """Return mean directions (N, 32) and concentrations κ (N,) for poses (N, 21, 3, 3).
+        """Return the mean directions (N, 32) and concentrations κ (N,) of poses (N, 21, 3, 3).
 
         Raises:
             PoseInvalid: poses contain NaN, matrices off SO(3) or another number of joints.
@@ -51,18 +54,18 @@ class SphericalVAE(PoseAutoencoder):
         return unit(out[:, :SVAE_DIM]), kappa
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the mean directions (N, 32)."""
+        """Return the mean directions (N, 32) of poses."""
         return self.posterior(rotations)[0]
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the mean squared rotation (N,) to the reconstruction, relative to ``residual_sigma``.
+        """Return the mean squared rotation (N,) from poses to their reconstructions, relative to ``residual_sigma``.
 
         Codes do not contribute, because all are equally likely.
         """
         return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses, decoded from directions that are drawn uniformly."""
+        """Decode ``count`` poses from uniformly drawn directions."""
         return self.decode(unit(np.random.default_rng(seed).standard_normal((count, SVAE_DIM))))
 
 
@@ -73,7 +76,7 @@ def unit(z: Array) -> Array:
 
 
 def load_svae(path: Path | str = WEIGHTS / "svae.npz") -> SphericalVAE:
-    """Load SVAE's weights.
+    """Load SVAE's stored weights.
 
     Raises:
         FileMissing: the file does not exist.
@@ -91,12 +94,15 @@ LIE_DIM = 9 * FACTORS  # Length of the code as rotation matrices.
 
 
 class LieVAE(PoseAutoencoder):
-    """Poses as ten rotations. The code has the 90 entries of their matrices, and the prior is uniform on the group."""
+    """LieVAE, a pose autoencoder with ten rotations as the code.
+
+    The code has the 90 entries of their matrices, and the prior is uniform on the rotation group.
+    """
 
     name = "lie_vae"
 
     def posterior(self, rotations: Array) -> tuple[Array, Array]:
-        """Return mean rotations (N, 10, 3, 3) and spreads (N, 10, 3) in radians for poses (N, 21, 3, 3).
+        """Return the mean rotations (N, 10, 3, 3) and spreads (N, 10, 3) in radians of poses (N, 21, 3, 3).
 
         Raises:
             PoseInvalid: poses contain NaN, matrices off SO(3) or another number of joints.
@@ -107,26 +113,26 @@ class LieVAE(PoseAutoencoder):
         return mean, xp.exp(0.5 * xp.reshape(out[:, 6 * FACTORS :], (count, FACTORS, 3)))
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the entries (N, 90) of the mean rotations."""
+        """Return the matrix entries (N, 90) of the mean rotations of poses."""
         mean = self.posterior(rotations)[0]
         return array_namespace(mean).reshape(mean, (mean.shape[0], LIE_DIM))
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the mean squared rotation (N,) to the reconstruction, relative to ``residual_sigma``.
+        """Return the mean squared rotation (N,) from poses to their reconstructions, relative to ``residual_sigma``.
 
         Codes do not contribute, because all are equally likely.
         """
         return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses, decoded from rotations that are drawn uniformly."""
+        """Decode ``count`` poses from uniformly drawn rotations."""
         quats = np.random.default_rng(seed).standard_normal((count, FACTORS, 4))
         quats /= np.linalg.norm(quats, axis=-1, keepdims=True)
         return self.decode(matrix_from_quat(quats).reshape(count, LIE_DIM))
 
 
 def load_lie_vae(path: Path | str = WEIGHTS / "lie_vae.npz") -> LieVAE:
-    """Load LieVAE's weights.
+    """Load LieVAE's stored weights.
 
     Raises:
         FileMissing: the file does not exist.
@@ -143,7 +149,7 @@ GMM_DIM = 3 * NUM_BODY_JOINTS  # Length of a pose as rotation vectors.
 
 
 class GaussianMixture(PosePrior):
-    """Mixture of K Gaussians over the rotation vectors of the 21 body joints, which are also the code.
+    """A mixture of K Gaussians over the rotation vectors of the 21 body joints, which are also the code.
 
     Reference: Bogo et al. 2016, "Keep It SMPL", eq. 4, but with the whole mixture instead of its largest component.
     """
@@ -166,11 +172,11 @@ class GaussianMixture(PosePrior):
 
     @property
     def latent_dim(self) -> int:
-        """Length of a code, 63."""
+        """Length of a code, which is 63."""
         return GMM_DIM
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the rotation vectors (N, 63) in radians.
+        """Return the rotation vectors (N, 63) of poses in radians.
 
         Raises:
             PoseInvalid: poses contain NaN, matrices off SO(3) or another number of joints.
@@ -184,12 +190,12 @@ class GaussianMixture(PosePrior):
         return exp_so3(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3)))
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return ``decode(z)`` and J (N, 21, 3, 63), the left Jacobian of SO(3) in the columns of each joint."""
+        """Return the decoded poses and their derivatives (N, 21, 3, 63): left Jacobians of SO(3) per joint."""
         vectors = array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3))
         return self.decode(z), in_own_columns(left_jacobian_so3(vectors))
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the negative log densities (N,), which would be 0 if all components were at their peaks.
+        """Return the negative log densities (N,) of poses, 0 if all components were at their peaks.
 
         ``-log Σ_k s_k exp(-½ |L_k⁻¹ (x - μ_k)|²)``, where ``s_k`` is each component's share in the sum of peaks.
         """
@@ -203,7 +209,7 @@ class GaussianMixture(PosePrior):
         return -(top + xp.log(xp.sum(xp.exp(exponents - top[:, None]), axis=-1)))
 
     def posterior_mean(self, rotations: np.ndarray, sigma: float) -> np.ndarray:
-        """Denoise poses (N, 21, 3, 3) whose rotation vectors contain normal noise of ``sigma`` rad.
+        """Denoise poses (N, 21, 3, 3) with normal noise of ``sigma`` rad in their rotation vectors.
 
         ``E[x | y] = Σ_k r_k(y) (μ_k + Σ_k (Σ_k + σ² I)⁻¹ (y - μ_k))``, where ``r_k`` is each component's share of the
         density at y.
@@ -220,7 +226,7 @@ class GaussianMixture(PosePrior):
         return self.decode(np.einsum("kn,knd->nd", shares / shares.sum(axis=0), np.array(means)))
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` draws from the mixture."""
+        """Draw ``count`` poses from the mixture."""
         rng = np.random.default_rng(seed)
         component = rng.choice(len(self._weights), size=count, p=self._weights)
         noise = rng.standard_normal((count, GMM_DIM, 1))
@@ -228,7 +234,7 @@ class GaussianMixture(PosePrior):
 
 
 def load_gmm(path: Path | str = ASSETS / "gmm.npz") -> GaussianMixture:
-    """Load the weights of the mixture. Raises the same errors as ``read_mixture``."""
+    """Load the stored weights of the Gaussian mixture. Errors are those of ``read_mixture``."""
     return GaussianMixture(*read_mixture(Path(path)))
 
 
@@ -244,7 +250,7 @@ LOADERS: dict[str, Callable[[Path], PosePrior]] = {
 
 
 def load_prior(name: str, path: Path | None = None) -> PosePrior:
-    """Load the weights of a prior, from its stored file by default.
+    """Load a prior by name, from its stored file by default.
 
     Raises:
         WeightsInvalid: the name is unknown, or the file belongs to another prior.
@@ -256,10 +262,10 @@ def load_prior(name: str, path: Path | None = None) -> PosePrior:
 
 
 def weight_file(name: str) -> Path:
-    """Return the path of the stored weights of a prior."""
+    """Return the path of a prior's stored weights."""
     return (WEIGHTS if name in ("svae", "lie_vae") else ASSETS) / f"{name}.npz"
 
 
 def stored_priors() -> list[str]:
-    """Return the names of the priors whose weights are stored."""
+    """Return the names of all priors with stored weights."""
     return [name for name in LOADERS if weight_file(name).is_file()]

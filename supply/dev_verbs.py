@@ -1,4 +1,4 @@
-"""Verbs of ``dev.py`` and their options."""
+"""Define the verbs of ``dev.py`` and their options."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ READING = (
     option("text", "up_axis", "AXIS", "Axis that points up in the recording, if not z"),
     option("text", "subject_prefix", "PREFIX", "Label prefix of the person, if a file has several people"),
 )
-"""Options of ``demo`` that are passed to the capture reader."""
+"""Options of ``demo`` for reading the capture."""
 DEMO = (
     place(
         "path",
@@ -49,5 +49,5 @@ VERBS = by_name((
 
 
 def program(head: str) -> Program:
-    """Return the command-line parser. The text's first paragraph is its summary, and the others follow the options."""
+    """Build the command line of ``dev.py`` from its docstring, with its first paragraph as summary."""
     return Program("dev.py", head.partition("\n")[0], VERBS, tuple, head.partition("\n\n")[2])

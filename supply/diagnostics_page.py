@@ -1,4 +1,4 @@
-"""Generate docs/reference/diagnostics*.md and errors.md from the table of diagnostics and the errors."""
+"""Generate docs/reference/diagnostics*.md and errors.md from the diagnostics table and the error classes."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ a command.
 
 USUAL_EXIT = 3  # Exit code of most errors. The page states only others.
 GROUPS = {entry.group.lower().replace(" ", "-"): entry.group for entry in load_table().values()}
-"""Groups of diagnostics by the ending of their page's name."""
+"""Groups of diagnostics by the end of their page's name."""
 
 
 def diagnostics_page() -> str:
-    """Return the page about all diagnostics, with the codes of each group."""
+    """Return the overview page with the codes of each diagnostics group."""
     *others, last = (f"`{remedy.value}`" for remedy in Remedy)
     remedies = f"{', '.join(others)} or {last}"
     head = _HEAD.replace("{remedies}", remedies).replace("{refusals}", ", ".join(f"`{c}`" for c in list_refusals()))
@@ -65,7 +65,7 @@ def diagnostics_page() -> str:
 
 
 def diagnostics_group(page: str) -> str:
-    """Return the page of a group, with a heading for each code and every form of a warning."""
+    """Return the page of a diagnostics group, with a heading per code and every form of a warning."""
     parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", f"# {GROUPS[page]}"]
     for code, entry in _entries(GROUPS[page]):
         first, *others = _forms(entry)
@@ -78,7 +78,7 @@ def diagnostics_group(page: str) -> str:
 
 
 def errors_page() -> str:
-    """Return the page of the errors that end a command."""
+    """Return the reference page of errors that end a command."""
     exits = {code: int(kind.exit_code) for code, kind in list_errors().items()}
     rows = [
         f"| `{code}` | {'' if exits[code] == USUAL_EXIT else exits[code]} | {kind.__doc__} |"
@@ -88,7 +88,7 @@ def errors_page() -> str:
 
 
 def _forms(entry: DiagnosticEntry) -> list[str]:
-    """Return the message, and the other values of several words of each parameter that has several."""
+    """Return a diagnostic's message, and other forms of it for parameter values of several words."""
     values = {name: [*words.values()] for name, words in entry.words.items()}
     usual = {name: words[0] for name, words in values.items() if len(words) > 1}
     forms = [_filled(entry.text, usual)]

@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def write_stubs(root: Path = ROOT) -> None:
-    """Write one stub per module of the exchange library, and delete stubs of removed modules."""
+    """Write a stub for each module of the exchange library, and delete the stubs of removed modules."""
     library, package = root / "solver_backend" / "exchange", root / "blender_addon" / "_exchange"
     wanted = {path.relative_to(library).with_suffix(".pyi") for path in library.rglob("*.py")}
     for stub in package.rglob("*.pyi"):

@@ -1,4 +1,4 @@
-"""Generate the reference page about the job file from the classes that declare its keys."""
+"""Generate docs/reference/job-file.md from the classes that declare the keys of a job file."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _REQUIRED = "–"
 
 
 def job_file_page() -> str:
-    """Return the page."""
+    """Return the reference page of the job file."""
     source = _SOURCE.read_text(encoding="utf-8")
     classes = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
     parts = [_HEAD]
@@ -61,7 +61,7 @@ def job_file_page() -> str:
 
 
 def _fields(declared: ast.ClassDef, lines: list[str]) -> list[tuple[str, str, str, str]]:
-    """Return the name, type, default and description of each field of a data class. The description is a comment."""
+    """Return name, type, default and description (the comment) of each field of a data class."""
     found = []
     for node in declared.body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):

@@ -1,4 +1,4 @@
-"""Generate docs/reference/joint-sets.md: the keypoints of every joint set, in the order of their columns."""
+"""Generate docs/reference/joint-sets.md with the keypoints of every joint set, in column order."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ file has more points than names, the other points belong to the hands and the fa
 
 
 def joint_sets_page() -> str:
-    """Return the page."""
+    """Return the reference page of the joint sets."""
     rows = []
     for item in JointSet:
         same = next(other for other in JointSet if other.keypoints == item.keypoints)

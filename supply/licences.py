@@ -1,4 +1,4 @@
-"""List the licences of all packages that the project needs, and the terms of the data behind shipped files."""
+"""List the licences of all required packages, and the terms of the data behind the included files."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ DATA = (
     ("Pose2Sim's demo recording (perfanalytics, 2022)", "BSD-3-Clause", "picture of the README"),
     ("ANSUR II (US Army, 2012)", "public survey, summary statistics only", "body"),
 )
-"""Data sources of shipped files, with terms and files. See the model cards."""
+"""Data sources of included files, with terms and files. See the model cards."""
 
 
 def installed(extras: tuple[str, ...]) -> list[Distribution]:
-    """Return the installed packages that the project needs with these extras, directly or indirectly, by name."""
+    """Return the installed packages that the project requires with these extras, sorted by name."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = [*project["dependencies"], *(line for extra in extras for line in project["optional-dependencies"][extra])]
     found: dict[str, Distribution] = {}
@@ -47,7 +47,7 @@ def installed(extras: tuple[str, ...]) -> list[Distribution]:
 
 
 def licence_table() -> str:
-    """Return packages with versions and licences, then data with terms, as Markdown."""
+    """Return tables of packages with licences, and of data with terms, as Markdown."""
     lines = ["| package | version | licence |", "|---|---|---|"]
     lines += [f"| {p.metadata['Name']} | {p.version} | {licence_of(p)} |" for p in installed(CI_EXTRAS)]
     lines += ["", "| data | terms | in |", "|---|---|---|", *(f"| {a} | {b} | {c} |" for a, b, c in DATA)]
@@ -55,7 +55,7 @@ def licence_table() -> str:
 
 
 def licence_of(package: Distribution) -> str:
-    """Return the licence that a package states: SPDX expression, classifiers, or first line of its text or file."""
+    """Return a package's licence from its SPDX expression, classifiers, or first line of its licence text."""
     metadata = cast(Message, package.metadata)
     stated = metadata.get("License-Expression")
     classifiers = [c.split(" :: ")[-1] for c in metadata.get_all("Classifier") or () if c[:7] == "License"]
@@ -66,7 +66,7 @@ def licence_of(package: Distribution) -> str:
 
 
 def _is_empty(package: Distribution) -> bool:
-    """Return whether a package only lists other packages, as CUDA's does, so that no licence applies to it."""
+    """Return whether a package contains no files, like some CUDA packages, so that no licence applies."""
     files = package.files
     return files is not None and all(file.parts[0].endswith(".dist-info") for file in files)
 
@@ -77,5 +77,5 @@ def _applies(requirement: Requirement, extras: set[str]) -> bool:
 
 
 def plain_name(name: str) -> str:
-    """Return a package's name as the index writes it."""
+    """Return a package's name in the spelling of the package index."""
     return re.sub(r"[-_.]+", "-", name).lower()

@@ -1,4 +1,4 @@
-"""Lock the exact versions that CI installs, with the hashes of their archives and no index address."""
+"""Lock the exact package versions that CI installs, with the hashes of their archives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from supply.licences import CI_EXTRAS, ROOT, installed
 
 LOCK = ROOT / "requirements-ci.lock"
 _OF_THE_MACHINE = "torch"
-"""Package from an index for the machine's processor or GPU, with different hashes."""
+"""Package whose archives, and so their hashes, differ between processors or GPUs."""
 _HEAD = """\
 # Written by python -m supply lock, for Python 3.11. To install: pip install --require-hashes -r requirements-ci.lock
 # torch is not among them: its archives differ by processor and GPU.
@@ -20,7 +20,7 @@ _HEAD = """\
 
 
 def write_lock(path: Path = LOCK) -> Path:
-    """Write the lock of the versions that are installed here.
+    """Write the lock file for the installed versions.
 
     Raises:
         CalledProcessError: uv cannot resolve them, and reports the reason.

@@ -1,4 +1,4 @@
-"""Draw the diagrams of docs/explanation/method.md, using the solver's functions for curves."""
+"""Draw the diagrams of docs/explanation/method.md with the solver's own curve functions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from supply.svg_parts import ACCENT, INK, QUIET, WARM, arrow, box, dot, ellipse,
 _KEY_FRAMES = (14, 40, 66)  # Frames of the demo with the person standing, bending and squatting.
 _FIGURES = 7
 _FARTHEST = 12.0
-"""Standard deviations at the right end of the weight's chart."""
+"""Largest distance in the chart of the robust weight, in standard deviations."""
 _LIMBS = (
     SMPL.group("trunk"),
     *((0, *SMPL.group(f"{side}_leg")) for side in ("left", "right")),
@@ -30,7 +30,7 @@ _LIMBS = (
 
 
 def pipeline() -> str:
-    """Return the diagram of the steps from input to animated body."""
+    """Draw the steps from input data to an animated body."""
     given = [("Videos", "detector"), ("Detections", "OpenPose, …"), ("Markers", "C3D, TRC, CSV"), ("Sensors", "depth")]
     parts = [box(16, 20 + 58 * row, 112, 46, words) for row, words in enumerate(given)]
     parts += [arrow((128, 43 + 58 * row), (150, 43 + 58 * row), (150, 130), (166, 130)) for row in range(4)]
@@ -53,7 +53,7 @@ def pipeline() -> str:
 
 
 def prior() -> str:
-    """Return keys on the sphere of codes, the curve between them, and the poses that the decoder gives."""
+    """Draw keys on the sphere of codes, the curve between them, and the decoded poses."""
     keys, times = np.array([[-0.75, -0.25, 0.61], [0.1, 0.55, 0.83], [0.72, -0.2, 0.66]]), np.linspace(0, 1, 41)
     keys /= np.linalg.norm(keys, axis=1, keepdims=True)
     curve = np.asarray(sider_n(np.broadcast_to(keys, (41, 3, 3)), times))
@@ -91,7 +91,7 @@ def prior() -> str:
 
 
 def bundle() -> str:
-    """Return keys over time, the parabolas of the windows, and the resulting matrix."""
+    """Draw keys over time, the parabolas of the windows, and the banded matrix."""
     layout = KeyframeLayout(np.array([0, 14, 24, 31, 38, 48, 62]))
     frames = np.arange(63)
     course = lambda t: 96 - 46 * np.sin((t - 4) / 8.6) * np.exp(-(((t - 33) / 22) ** 2))  # noqa: E731 - a drawing's curve
@@ -130,7 +130,7 @@ def bundle() -> str:
 
 
 def noise() -> str:
-    """Return the diagram of views combined in one information matrix, and of the robust weight."""
+    """Draw the combination of views in one information matrix, and the robust weight."""
     point, parts = (190.0, 118.0), [text(20, 24, "three views of one keypoint", "s")]
     for (x, y), sigma, name in (((40, 56), 9.0, "sharp"), ((60, 206), 16.0, "usual"), ((338, 60), 30.0, "noisy")):
         along = np.array(point) - (x, y)
@@ -163,7 +163,7 @@ def noise() -> str:
 
 
 def markers() -> str:
-    """Return the diagram of the steps for optical markers."""
+    """Draw the steps from optical markers to a body."""
     steps = [
         ("Points", "with labels, some", "or none"),
         ("Label", "network, distances,", "votes of stretches"),
@@ -193,7 +193,7 @@ def markers() -> str:
 
 @cache
 def _decoded_poses() -> tuple[np.ndarray, ...]:
-    """Return (24, 2) joints of the poses between three poses of the demo, seen from the front left, in metres."""
+    """Return (24, 2) joints of poses between three demo poses in metres, seen from the front left."""
     prior, body = load_sposer(), load_body()
     poses = np.asarray(demo_capture().truth["body_pose"])[list(_KEY_FRAMES)]
     poses = poses[:, : 3 * SMPL.num_solved].reshape(len(_KEY_FRAMES), SMPL.num_solved, 3)

@@ -1,4 +1,4 @@
-"""Write the pages that are generated from the program's tables and the baseline: ``python3 dev.py docs``."""
+"""Write all generated documentation pages: ``python3 dev.py docs``."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ PAGES: dict[str, Callable[[], str]] = {
     **{f"images/results_{chart.name}.svg": partial(draw_chart, chart) for chart in CHARTS},
     **{f"images/method_{name}.svg": draw for name, draw in DIAGRAMS.items()},
 }
-"""Function that makes each page, by its path below docs."""
+"""Function that returns each page, by its path below docs."""
 
 
 def main() -> int:
-    """Write the pages and return the exit code."""
+    """Write all pages, and return the exit code."""
     for name in PAGES:
         sys.stdout.write(f"{write_page(name)}\n")
     return 0
 
 
 def write_page(name: str, folder: Path = FOLDER) -> Path:
-    """Write one page, given its path below a folder, and return the path of the file."""
+    """Write one page, given its path below the folder, and return the file's path."""
     return write_text(folder / name, PAGES[name](), overwrite=True)
 
 

@@ -1,4 +1,4 @@
-"""Generate docs/explanation/published-tables.md: every table of the papers with our own measurements."""
+"""Generate docs/explanation/published-tables.md: every published table with our own measurements."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ NETWORKS = (
     ("landmark_clouds", "the included network", "fixed_", "`fixed`"),
     ("landmark_clouds", "the included network", "thesis_", "`thesis`"),
 )
-"""Benchmark, name, start of the keys, and corruption of every network with absolute figures."""
-POSES = ("ordinary", "tail", "floor")  # Sets for evaluating landmark networks.
-COLUMNS = ("rmse_mm", "mpjpe_mm", "pck1_percent", "pck3_percent", "pck7_percent")  # Ends of their figures' keys.
+"""Benchmark, name, prefix of the figures' keys, and corruption of every network with absolute figures."""
+POSES = ("ordinary", "tail", "floor")  # Pose sets for evaluating landmark networks.
+COLUMNS = ("rmse_mm", "mpjpe_mm", "pck1_percent", "pck3_percent", "pck7_percent")  # Suffixes of the figures' keys.
 _NETWORKS = """Rows of width 8 without a number of steps are medians of three trainings with 2,000 steps. The
 others are one training. A dash marks a missing figure.
 
@@ -87,13 +87,13 @@ distance between random pairs of poses, both in VPoser's codes.
 
 @dataclass(frozen=True)
 class PublishedRow:
-    """One comparison from a published table, and our result."""
+    """A comparison of two methods from a published table, with our result."""
 
     source: str
     table: str
     what: str
     published: Mapping[str, float] = field(default_factory=dict)
-    """Ratios of the published figures by data set. The name is empty if the publication has one data set."""
+    """Ratios of the published figures by data set. The name of a single data set is empty."""
     here: float | None = None  # Our ratio, None if it is not applicable.
     figures: tuple[float, float] | None = None  # Our two figures.
     ends: tuple[float, float] | None = None  # Bounds of the 95 % interval over takes.
@@ -108,7 +108,7 @@ class PublishedRow:
 
     @property
     def verdict(self) -> str:
-        """Name of a row of ``MEANINGS``."""
+        """Verdict on the comparison, a key of ``MEANINGS``."""
         if self.here is None:
             return NOT_MEASURED if self.bench else NOT_APPLICABLE
         if not self.published:
@@ -129,14 +129,14 @@ class PublishedRow:
 
 @dataclass(frozen=True)
 class Figures:
-    """Committed figures that the rows refer to."""
+    """Committed benchmark figures that the rows refer to."""
 
     baseline: Mapping[str, Any]
     takes: Mapping[str, Any]  # Contents of ``TAKE_FILES``.
     too_small: Sequence[str]  # Benchmarks of networks that are too small.
 
     def row(self, value: Mapping[str, Any]) -> PublishedRow:
-        """Return a row of the data file with its figures.
+        """Build a row of the data file with its figures.
 
         Raises:
             KeyError: a figure that it refers to is missing.
@@ -181,7 +181,7 @@ class Figures:
 
 @cache
 def rows() -> list[PublishedRow]:
-    """Return the rows of the committed files."""
+    """Return the rows of all published tables from the committed files."""
     data = _read(PUBLISHED)
     takes = {name: _read(path) for name, path in TAKE_FILES.items() if path.exists()}
     figures = Figures(_read(BASELINE), takes, data["too_small"])
@@ -194,7 +194,7 @@ def counts(found: Sequence[PublishedRow]) -> dict[str, int]:
 
 
 def published_page() -> str:
-    """Return the page."""
+    """Return the page of published tables with our measurements."""
     found, data = rows(), _read(PUBLISHED)
     total, judged = counts(found), [row for row in found if row.verdict == REPRODUCED] or found
     head = _HEAD.format(num_takes=min(row.num_takes for row in judged), seeds=_seeds(judged))
@@ -223,14 +223,14 @@ def published_page() -> str:
 
 
 def take_table(results: Mapping[str, Any]) -> list[str]:
-    """Return a table of every method's error on every take."""
+    """Return a table of every method's error in every take."""
     lines = ["## Every take", "", "Each cell is a method's MPJPE in mm on a take, as the median over noise seeds."]
     lines += ["`python -m tests.benchmarks.comparison.many_takes` measures twelve takes with three seeds each.", ""]
     return lines + _cells(results["runs"], list(results["runs"]), "mpjpe_mm")
 
 
 def noise_table(results: Mapping[str, Any]) -> list[str]:
-    """Return a table of the marker-only fits on every take (chapter 5)."""
+    """Return a table of the errors of marker-only fits in every take (chapter 5)."""
     lines = [
         "Fits of markers under three kinds of noise: each cell is the RMSE of joints in mm, as the median over seeds."
     ]
@@ -240,7 +240,7 @@ def noise_table(results: Mapping[str, Any]) -> list[str]:
 
 
 def _cells(runs: Mapping[str, Any], names: Sequence[str], column: str) -> list[str]:
-    """Return tables of the median over seeds, with at most ``WIDEST`` methods each."""
+    """Return tables of medians over seeds, with at most ``WIDEST`` methods each."""
     medians = {name: take_medians(runs, name, column) for name in names}
     takes, lines = list(dict.fromkeys(take for name in names for take in runs[name])), []
     if not names:
@@ -256,7 +256,7 @@ def _cells(runs: Mapping[str, Any], names: Sequence[str], column: str) -> list[s
 
 
 def network_table(baseline: Mapping[str, Any]) -> list[str]:
-    """Return the absolute errors of landmark networks: two rows of chapter 4, and the shipped network."""
+    """Return a table of absolute errors of landmark networks: rows of chapter 4, and the included network."""
     lines = ["## Landmark networks in absolute figures", "", _NETWORKS, ""]
     lines += ["| network | clouds, poses | RMSE mm | MPJPE mm | PCK1 % | PCK3 % | PCK7 % |", "|---" * 7 + "|"]
     for bench, name, prefix, clouds in NETWORKS:
@@ -270,10 +270,10 @@ def network_table(baseline: Mapping[str, Any]) -> list[str]:
 
 
 def column_tables(data: Mapping[str, Any], baseline: Mapping[str, Any]) -> list[str]:
-    """Return every column of thesis tables 4.1 to 4.3 as a ratio to the base, ours and the published one.
+    """Return tables of thesis tables 4.1 to 4.3 relative to the base, with our and the published ratios.
 
     Args:
-        data: published figures of the base by set of poses, and of the rows with their benchmark and the beginnings of
+        data: published figures of the base by set of poses, and of the rows with their benchmark and the prefixes of
             the figures' keys of row and base.
         baseline: figures of all benchmarks. PCK may be missing.
     """

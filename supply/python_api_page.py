@@ -1,4 +1,7 @@
-"""Generate docs/reference/python-api.md: the public names of ``solver_backend``. The site adds their docstrings."""
+"""Generate docs/reference/python-api.md with the public names of ``solver_backend``.
+
+The site adds their docstrings.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ For markers, use `Capture(name="take", markers=MarkerCloud(positions=points, fps
 
 
 def python_api_page() -> str:
-    """Return the page that lists all public names."""
+    """Return the reference page of the Python API."""
     objects = [getattr(solver_backend, name) for name in solver_backend.__all__]
     paths = sorted(f"{found.__module__}.{found.__qualname__}" for found in objects)
     return "\n".join([_HEAD, *(f"::: {path}\n" for path in paths)])

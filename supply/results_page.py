@@ -1,4 +1,4 @@
-"""Generate docs/results.md and its charts from the committed benchmark baseline, so that no figure is typed by hand."""
+"""Generate docs/results.md and its charts from the committed benchmark baseline."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PRIORS = ("pose_ndf", "vposer", "rvposer", "rest")
 
 @dataclass(frozen=True)
 class ChartOfBars:
-    """A chart of the page: its texts, and the figures of a benchmark that it shows."""
+    """A bar chart of benchmark figures on the results page."""
 
     name: str
     title: str
@@ -194,7 +194,7 @@ REAL = {
     "pictures_per_s_per_camera", "take_s", "detected_px", "detected_percent", "missing_percent",
     "detected_swaps_percent", "solved_swaps_percent", "cpu_ms",
 }  # fmt: skip
-"""Figures of real recordings. The others are simulated, or only measure speed."""
+"""Figures from real recordings. Other figures are simulated, or only measure speed."""
 SPEED = {"marker_speed", "bake", "body", "retarget", "solve_in_blender"}
 """Benchmarks that only measure speed, on any data."""
 
@@ -220,7 +220,7 @@ were measured. The [research log](research-log/README.md) has later figures."""
 
 
 def results_page() -> str:
-    """Return docs/results.md."""
+    """Return the results page."""
     dates = sorted(_recorded(bench, key) for rows in TABLES.values() for _, bench, key, _ in rows)
     parts = [_HEAD.format(machine=_baseline()["bundle"]["machine"], first=dates[0], last=dates[-1])]
     for title, rows in TABLES.items():
@@ -244,7 +244,7 @@ def results_page() -> str:
 
 
 def draw_chart(chart: ChartOfBars) -> str:
-    """Return one chart of the page as SVG."""
+    """Draw a chart of the results page as SVG."""
     groups = tuple(BarGroup(label, tuple(_figure(chart.bench, key) for key in keys)) for label, keys in chart.groups)
     return draw_bars(chart.title, chart.unit, chart.series, groups)
 
@@ -255,7 +255,7 @@ def _baseline() -> dict:
 
 
 def _recorded(bench: str, key: str) -> str:
-    """Return the date of a figure, which has its own if it was not measured again with its benchmark."""
+    """Return the date of a figure, or of its benchmark."""
     found = _baseline()[bench]
     return found["figures"].get(key, {}).get("recorded", found["recorded"])
 

@@ -1,4 +1,4 @@
-"""Generate the reference page with every setting of a solve from the rows that declare them."""
+"""Generate the reference page of all solve settings and reading options."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _OF_READING = """Every command that reads a capture has these options and `--syn
 
 
 def settings_page() -> str:
-    """Return the page."""
+    """Return the reference page of all solve settings and reading options."""
     parts = [f"<!-- Made by python3 dev.py docs from {SOURCE}; edit that. -->", "", _HEAD]
     rows = settings_of_class(SolveSettings) | READING_ROWS
     for title in dict.fromkeys(row.group for row in rows.values()):

@@ -1,4 +1,4 @@
-"""Hook of the documentation site: links to files that the site lacks become plain text."""
+"""Convert links to files outside the documentation site to plain text (a hook of MkDocs)."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ OUTSIDE = (
     "explanation/complaints.md",
     "explanation/threat-model.md",
 )
-"""Paths that the site omits: the repository outside ``docs``, and records for developers (see mkdocs.yml)."""
+"""Paths outside the site: the repository outside ``docs``, and records for developers (see mkdocs.yml)."""
 _LINK = re.compile(r"\[([^\]]+)\]\((?![a-z]+:|#)([^)#\s]+)(#[^)]*)?\)")
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Return a page's text with links to files outside of the site replaced by their text.
+    """Replace links to files outside the site with their text.
 
     Args:
         markdown: text of the page.

@@ -1,4 +1,4 @@
-"""Parts of hand-drawn SVG files with deterministic bytes: boxes, arrows, curves and text on white paper."""
+"""Draw parts of SVG files with deterministic bytes: boxes, arrows, curves and text on white paper."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from html import escape
 
 WIDTH = 720  # Width of every picture in pixels. A page shows it without scaling.
 INK, ACCENT, QUIET, WARM = "#24323a", "#1f6f8b", "#99a8b2", "#d08770"
-"""Colours of text and outlines, of our or solved items, of inputs, and of measured items. All are legible on paper."""
+"""Colours of text and outlines, of our or solved items, of inputs, and of measured items."""
 _PAPER = '<rect width="100%" height="100%" rx="6" fill="#fff"/>'
 _STYLE = (
     f"<style>text{{font:13px system-ui,sans-serif;fill:{INK}}}.s{{font-size:11px}}.b{{font-weight:600}}"
@@ -22,7 +22,7 @@ _LINE_PX, _RISE_PX = 16, 4
 
 
 def picture(title: str, height: int, parts: Iterable[str]) -> str:
-    """Return a whole SVG file. ``title`` describes it for readers who cannot see it."""
+    """Combine parts to an SVG file. ``title`` describes it for readers who cannot see it."""
     size = f'viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" height="{height}"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">'
     return "\n".join([head, f"<title>{escape(title)}</title>", _STYLE, _HEAD, _PAPER, *parts, "</svg>", ""])
@@ -34,7 +34,7 @@ def text(x: float, y: float, words: str, classes: str = "") -> str:
 
 
 def box(x: float, y: float, width: float, height: float, lines: Sequence[str], colour: str = QUIET) -> str:
-    """Return a box with centred lines, the first of them bold."""
+    """Return a box with centred lines of text, the first one in bold."""
     frame = (
         f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="6" fill="{colour}" fill-opacity="0.14" '
         f'stroke="{colour}" stroke-width="1.5"/>'
@@ -60,7 +60,7 @@ def polyline(points: Iterable[Iterable[float]], colour: str, width: float, *, da
 
 
 def dot(middle: Iterable[float], radius: float, colour: str, *, hollow: bool = False) -> str:
-    """Return a disc, or a circle."""
+    """Return a filled disc, or a circle if ``hollow``."""
     x, y = middle
     fill = f'fill="#fff" stroke="{colour}" stroke-width="2"' if hollow else f'fill="{colour}"'
     return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" {fill}/>'

@@ -1,4 +1,4 @@
-"""Ratios of two methods over takes, with a bootstrap interval."""
+"""Compute the ratios of two methods' errors over takes, with a bootstrap interval."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ Ratios = dict[str, float]  # Ratios by take.
 
 
 def take_ratios(runs: Mapping[str, Any], over: str, under: str, column: str) -> Ratios:
-    """Return ``median over seeds of a / b`` of two methods for every take that both solved, infinite if b is 0.
+    """Return the ratio of two methods' figures for each take that both solved, as a median over seeds.
+
+    The ratio is infinite if the denominator is 0.
 
     Args:
         runs: figures by method, take, seed and column.
@@ -31,7 +33,7 @@ def take_ratios(runs: Mapping[str, Any], over: str, under: str, column: str) -> 
 
 
 def interval(ratios: Ratios) -> tuple[float, float, float]:
-    """Return the median of the takes' ratios and the ends of its 95 % bootstrap interval over takes.
+    """Return the median of the takes' ratios, and its 95 % bootstrap interval over takes.
 
     Reference: Efron 1979 (percentile intervals).
     """
@@ -42,6 +44,6 @@ def interval(ratios: Ratios) -> tuple[float, float, float]:
 
 
 def take_medians(runs: Mapping[str, Any], method: str, column: str) -> dict[str, float]:
-    """Return a method's median over seeds for every take that it solved."""
+    """Return a method's figure for every take that it solved, as a median over seeds."""
     known = {take: [row[column] for row in rows.values() if column in row] for take, rows in runs[method].items()}
     return {take: float(np.median(values)) for take, values in known.items() if values}

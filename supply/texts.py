@@ -1,7 +1,7 @@
 """List all texts that users see, for proofreading: ``python -m supply.texts [WORD]``.
 
-Messages, labels, tooltips, reports, errors and help are the program's strings with a space that are not docstrings, and
-the texts in the tables of diagnostics and verbs. Labels of one word are in ``blender_addon/ui/german.txt``.
+These are the texts in the tables of diagnostics and verbs, and all strings in the program with a space that are not
+docstrings. Labels of one word are in ``blender_addon/ui/german.txt``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _JSON_TEXT = re.compile(r'[:,] "((?:[^"\\]|\\.)*)"')  # String value in a line o
 
 @cache
 def shown_strings(path: Path) -> tuple[tuple[int, str], ...]:
-    """Return line and text of a file's strings that contain a space and are not docstrings, with values as ``{…}``."""
+    """Return line and text of a file's strings with a space, except docstrings. ``{…}`` replaces values."""
     nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     statements = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
     whole = [node for node in nodes if isinstance(node, ast.JoinedStr)]
@@ -46,7 +46,7 @@ def _text(node: ast.Constant | ast.JoinedStr) -> str:
 
 
 def texts() -> Iterator[tuple[Path, int, str]]:
-    """Yield the file, line and text of everything that may be shown, without duplicates."""
+    """Yield file, line and text of every text that may be shown to users, without duplicates."""
     known = set[str]()
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")) or [ROOT / package]:
@@ -65,7 +65,7 @@ def texts() -> Iterator[tuple[Path, int, str]]:
 
 
 def main() -> int:
-    """Print the list, or the lines that contain a word, and return the exit code."""
+    """Print all texts, or the texts that contain a word, and return the exit code."""
     wanted = " ".join(sys.argv[1:]).lower()
     for path, line, text in texts():
         if wanted in text.lower():

@@ -1,4 +1,4 @@
-"""Published and common methods behind a common interface, to compare them with a solve in one run."""
+"""Implement published and common methods with one interface, for comparison with the solver."""
 
 from research.baselines.base import Baseline, BaselineResult
 from research.baselines.bundlemocap import BundleMoCap, BundleMoCapPlusPlus

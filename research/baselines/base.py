@@ -1,4 +1,4 @@
-"""Define the result that all baselines return."""
+"""Define the interface and the result of all baselines."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class BaselineResult:
 
 
 class Baseline(ABC):
-    """A method to compare a solve with."""
+    """A published or common method that is compared with the solver."""
 
     name: str  # Name shown in tables.
-    simplified: str  # A sentence about differences from the publication, or "" if there are none.
+    simplified: str  # Differences from the publication as a sentence, or "" without differences.
 
     @abstractmethod
     def solve(self, capture: Capture) -> BaselineResult:

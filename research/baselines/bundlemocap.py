@@ -34,18 +34,18 @@ Start = Literal["previous", "points"]
 
 @dataclass(frozen=True)
 class BundleMoCapPlusPlus(BodyBaseline):
-    """SPoser and SIDER-2 with windows of 20 frames, two free keys per window, and nothing but the data term."""
+    """BundleMoCap++: SPoser and SIDER-2 in windows of 20 frames, with only the data term."""
 
     window: int = 20  # Frames per window.
     optimiser: Optimiser = "gradient"
-    """Algorithm 1, or limited-memory BFGS on the same manifold, which favours the method of the thesis."""
+    """Algorithm 1, or limited-memory BFGS on the same manifold, which gives the method better results."""
     start: Start = "points"
-    """Each key starts from a fit to the triangulated points of its frame, which favours the method, or as a copy of the
-    previous key, which the thesis seems to mean. On training motions, copies double the error."""
+    """Start of each key: a fit to the triangulated points of its frame, or a copy of the previous key, as the thesis
+    seems to mean. Fits give better results. On training motions, copies double the error."""
     scale: float = 4.0 * ROBUST_SCALE  # Scale of the Geman-McClure penalty, chosen by ``tune_baselines``.
     root: Root = "sider"  # Motion of the root between keys.
     interpolation: int = 2
-    """n of SIDER-n, and the number of free keys per window. 1 means SLERP (table 6.8). The thesis suggests larger n."""
+    """The n of SIDER-n, which is the number of free keys per window. 1 means SLERP (table 6.8)."""
     name: str = "BundleMoCap++"
     simplified: str = f"{_START}, translations on the parabola through the keys (eq. 6.10's cubic has one degree more)."
 
@@ -69,7 +69,7 @@ class BundleMoCapPlusPlus(BodyBaseline):
 
 @dataclass(frozen=True)
 class BundleMoCap(BodyBaseline):
-    """VPoser and SLERP between two keys, with windows of 10 frames and one free key per window."""
+    """BundleMoCap: VPoser and SLERP in windows of 10 frames between two keys."""
 
     window: int = 10  # Frames per window.
     optimiser: Optimiser = "lbfgs"  # Algorithm 1 was introduced by the successor.
@@ -97,7 +97,6 @@ class _Slider:
     root: Root
 
     def slide(self, name: str, length: int, start: Start) -> BaselineResult:
-        """Solve one window after another."""
         problem = self.prepared.problem
         layout = KeyframeLayout.even(problem.num_frames, length, free=self.free)
         guesses = self._keys_at(layout.key_times if start == "points" else layout.key_times[:1])
@@ -125,7 +124,7 @@ class _Slider:
         return self.prepared.result(name, slid.frames, layout.key_times, counts)
 
     def _keys_at(self, times: np.ndarray) -> KeyState:
-        """Return keys fitted to points in visible frames near these times, and to the views if codes are Gaussian."""
+        """Fit keys to the points in visible frames near these times, and Gaussian codes also to the views."""
         problem, subject, seen = self.prepared.problem, self.prepared.subject, self.prepared.seen
         if self.keys is KEYS:
             return keys_near(problem, subject, times, seen)

@@ -1,4 +1,4 @@
-"""Terms that link the frames of a sequence: slow joints, slow codes, and joints that move at low frequencies."""
+"""Define terms that link the frames of a sequence: slow joints, slow codes, and low frequencies."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ class SlowJoints:
 
 @dataclass(frozen=True)
 class SlowCodes:
-    """``E = 1/2 Σ_t |(z_{t+1} - z_t) fps / u|² + |(rotation, translation of the root) fps / v|²``.
+    """Penalise fast codes: ``E = 1/2 Σ_t |(z_{t+1} - z_t) fps / u|² + |(root motion) fps / v|²``.
 
-    The derivative of ``log(R_{t+1} R_tᵀ)`` is approximated by ±I, because neighbouring frames are similar.
+    The root motion is its rotation and translation between frames. The derivative of ``log(R_{t+1} R_tᵀ)`` is
+    approximated by ±I, because neighbouring frames are similar.
     """
 
     fps: float
@@ -56,7 +57,7 @@ class SlowCodes:
 
 @dataclass(frozen=True)
 class JointTargets:
-    """``E = 1/2 Σ_t |J_t - M_t|² / σ²``, which pulls the joints in each frame towards given positions."""
+    """``E = 1/2 Σ_t |J_t - M_t|² / σ²``, which pulls the joints in each frame to target positions."""
 
     subject: Subject
     targets: np.ndarray  # (F, 72) targets M in metres.
@@ -73,7 +74,7 @@ class JointTargets:
 
 
 def first_differences(values: np.ndarray, J: np.ndarray, weight: float) -> Equations:
-    """Return ``1/2 w Σ_t |x_{t+1} - x_t|²``, given values (F, m) and their derivatives (F, m, 38)."""
+    """Return the equations of ``1/2 w Σ_t |x_{t+1} - x_t|²`` for values (F, m) with derivatives (F, m, 38)."""
     step, J_T = np.diff(values, axis=0), J.swapaxes(-1, -2)
     cost, by_values = np.zeros(len(values)), np.zeros_like(values)
     cost[1:] = 0.5 * weight * (step**2).sum(-1)
@@ -86,7 +87,7 @@ def first_differences(values: np.ndarray, J: np.ndarray, weight: float) -> Equat
 
 
 def low_frequencies(values: np.ndarray, segment: int, kept: int) -> np.ndarray:
-    """Keep only the ``kept`` slowest cosines of (F, m) values in every part of about ``segment`` frames.
+    """Keep only the ``kept`` lowest frequencies of (F, m) values in each segment of about ``segment`` frames.
 
     Reference: Akhter et al. 2008 and Huang et al. 2017, eq. 6 (DCT-II basis).
     """

@@ -36,11 +36,11 @@ class AdaptiveLoss:
     scale: float = 1.0  # c, in initial standard deviations.
 
     def unknowns(self, num_landmarks: int) -> int:
-        """Return 0."""
+        """Return the number of unknowns of the loss, which is 0 because its shape is fixed."""
         return 0
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost of (F, L) squared distances."""
+        """Return the robust cost of squared landmark distances (F, L)."""
         used, inverse = seen.astype(np.float64), self.scale**-2
         ratio, distance = inverse * np.where(seen, squared, 0.0), abs(self.alpha - 2.0)
         if distance == 0.0:
@@ -55,7 +55,7 @@ class AdaptiveLoss:
 
 
 class MarkerBaseline(Baseline):
-    """Both stages of the noise-aware method, with a different loss in the second stage."""
+    """The noise-aware method's two stages, with another loss in the second stage."""
 
     @property
     @abstractmethod
@@ -80,7 +80,7 @@ class MarkerBaseline(Baseline):
         return BaselineResult(motion.markers, motion)
 
     def motion_of(self, problem: Problem) -> Motion:
-        """Fit the body to measured landmarks."""
+        """Fit the body to measured landmarks with this loss."""
         subject = Subject.average(problem.body, problem.measurements.landmarks, np.zeros(1))
         settings = SolveSettings(method="noise-aware")
         solved, _ = solve_noise_aware(problem, subject, settings, silent, loss=self.loss)
@@ -98,19 +98,19 @@ class MoSh(MarkerBaseline):
 
     @property
     def loss(self) -> LandmarkLoss:
-        """Loss that gives all landmarks equal weight."""
+        """Least squares, with equal weights for all landmarks."""
         return FixedVariances()
 
 
 @dataclass(frozen=True)
 class AdaptiveRobust(MarkerBaseline):
-    """Barron's adaptive loss (2019) whose shape α comes from a grid search, as in thesis 5.3.1."""
+    """Barron's adaptive loss (2019) with a shape α from a grid search, as in thesis 5.3.1."""
 
-    alpha: float = -1.0  # The shape α. In the thesis, -4.5 was best.
+    alpha: float = -1.0  # Shape α of the loss. In the thesis, -4.5 was best.
     name: str = "Barron's loss"
     simplified: str = f"{_SIMPLIFIED}."
 
     @property
     def loss(self) -> LandmarkLoss:
-        """Loss that gives distant landmarks less weight."""
+        """Barron's loss, with less weight for distant landmarks."""
         return AdaptiveLoss(self.alpha)

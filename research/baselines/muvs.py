@@ -1,4 +1,4 @@
-"""MuVS (Huang et al. 2017) as used in the thesis (6.3.5): frames fitted in stages with VPoser, and its DCT stage."""
+"""Implement MuVS (Huang et al. 2017) as in the thesis (6.3.5): staged fits with VPoser, and a DCT stage."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _START = "start and shape from triangulated points in place of HMR"
 
 @dataclass(frozen=True)
 class MuVS(BodyBaseline):
-    """Fits each frame separately with a robust data term and VPoser's density. Both are narrowed in three stages."""
+    """Fits each frame separately with a robust data term and VPoser's density, in three narrowing stages."""
 
     latent_weight: float = 3.0  # Weight of ``|z|²/2`` in the last stage, chosen by ``tune_baselines``.
     iterations: int = 10  # Largest number of linearisations per stage.
@@ -30,7 +30,7 @@ class MuVS(BodyBaseline):
     simplified: str = f"Levenberg-Marquardt in place of L-BFGS, no silhouettes, {_START}."
 
     def fit(self, prepared: Prepared) -> BaselineResult:
-        """Fit each frame."""
+        """Fit each frame separately in stages."""
         sequence, states = by_frame(prepared, self.latent_weight, self.iterations)
         return prepared.result(self.name, sequence.poses(states))
 
@@ -48,7 +48,7 @@ class DCT(BodyBaseline):
     simplified: str = f"As MuVS. Coefficients and poses are found in turn instead of together, {_START}."
 
     def fit(self, prepared: Prepared) -> BaselineResult:
-        """Fit each frame, then fit the trajectories."""
+        """Fit each frame, and then fit poses and low joint frequencies in turn."""
         sequence, states = by_frame(prepared, self.latent_weight, MuVS.iterations)
         for _ in range(self.rounds):
             joints = PosedJoints.of(prepared.subject, sequence.poses(states), sequence.d_pose_d_state(states)).joints
@@ -59,7 +59,7 @@ class DCT(BodyBaseline):
 
 
 def by_frame(prepared: Prepared, latent_weight: float, iterations: int) -> tuple[Sequence, States]:
-    """Return all frames. Visible frames are fitted separately in stages."""
+    """Fit visible frames separately in stages, and return all frames."""
     prior = pose_prior()
     sequence = Sequence(prepared.subject, prior, prepared.problem.objective, latent_weight)
     states = initial_states(prepared, prior)

@@ -1,7 +1,7 @@
-"""Prepare the start that all body baselines share: triangulated points, noise and a fixed shape.
+"""Prepare the common start of all body baselines: triangulated points, noise and a fixed shape.
 
 The thesis initialises shape and first frame with an HMR regressor (6.3.2). Here both come from fits to triangulated
-points in frames spread over the take, which favours the baselines.
+points in frames spread over the take, which gives the baselines better results.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ ROBUST_SCALE = 3.0  # Final Geman-McClure scale of all methods, in standard devi
 
 @dataclass(frozen=True)
 class Prepared:
-    """A prepared capture, and the person, whose shape is fixed."""
+    """A capture with measured keypoints and noise, and a person with a fixed shape."""
 
     problem: Problem
     subject: Subject
 
     @property
     def seen(self) -> np.ndarray:
-        """Return the frames that have enough points to locate a body."""
+        """Indices of the frames with enough points to locate a body."""
         return np.flatnonzero(self.problem.measurements.seen)
 
     def result(
         self, name: str, frames: PosedFrames, key_times: np.ndarray | None = None, statistics: dict | None = None
     ) -> BaselineResult:
-        """Return the poses of all frames as a result."""
+        """Convert the poses of all frames to a baseline's result."""
         times = np.arange(0) if key_times is None else key_times
         motion = build_motion(
             self.problem.measurements,
@@ -55,7 +55,7 @@ class Prepared:
 
 
 class BodyBaseline(Baseline):
-    """A method that starts from a prepared capture."""
+    """A baseline that fits a body to a prepared capture."""
 
     def solve(self, capture: Capture) -> BaselineResult:
         """Prepare the capture and fit it."""
@@ -63,11 +63,11 @@ class BodyBaseline(Baseline):
 
     @abstractmethod
     def fit(self, prepared: Prepared) -> BaselineResult:
-        """Fit a prepared capture."""
+        """Fit the body to a prepared capture."""
 
 
 def prepare(capture: Capture) -> Prepared:
-    """Triangulate the points, measure the noise and fit the shape.
+    """Triangulate the keypoints of a capture, measure their noise, and fit the body shape.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.

@@ -1,7 +1,7 @@
 """Fill gaps in the usual way: a missing marker moves with a rigid cluster of neighbouring markers.
 
-A marker's neighbours are the markers whose distance to it varies least over the take. The rigid motion of the cluster
-(Kabsch 1976) extrapolates the marker from both ends of a gap, and the two results are blended across the gap.
+A marker's neighbours are the markers with the least varying distance to it. The rigid motion of the cluster (Kabsch
+1976) extrapolates the marker from both ends of a gap, and the two results are blended across the gap.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ NEIGHBOURS = 4  # Largest number of markers in a cluster.
 
 
 def fill_rigidly(measured: np.ndarray) -> np.ndarray:
-    """Fill the gaps of markers (F, M, 3). If fewer than three neighbours are visible, gaps are filled linearly.
+    """Fill the gaps of markers rigidly, or linearly if fewer than three neighbours are visible.
 
     Args:
         measured: (F, M, 3) positions in metres, NaN where missing.
@@ -33,7 +33,7 @@ def fill_rigidly(measured: np.ndarray) -> np.ndarray:
 
 
 def _distance_spread(measured: np.ndarray) -> np.ndarray:
-    """Return standard deviations (M, M) of the distances between markers, infinite on the diagonal or if never seen."""
+    """Return the (M, M) standard deviations of marker distances, infinite if unknown and on the diagonal."""
     count = measured.shape[1]
     spread = np.full((count, count), np.inf)
     for m in range(count):
@@ -48,7 +48,7 @@ def _distance_spread(measured: np.ndarray) -> np.ndarray:
 def _carried(
     measured: np.ndarray, seen: np.ndarray, spread: np.ndarray, marker: int, end: int, gap: np.ndarray
 ) -> np.ndarray:
-    """Return positions (n, 3) of the marker in a gap, moved from one end of the gap along with its neighbours."""
+    """Extrapolate a marker (n, 3) into a gap, from one end of the gap and along with its neighbours."""
     whole = seen[end] & seen[gap].all(axis=0) & np.isfinite(spread)
     cluster = np.flatnonzero(whole)[np.argsort(spread[whole], kind="stable")][:NEIGHBOURS]
     if len(cluster) < 3:

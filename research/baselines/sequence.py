@@ -1,4 +1,4 @@
-"""Equations of frames whose poses are Gaussian codes, for single frames and for linked frames.
+"""Build and solve the equations of frames with Gaussian pose codes, separately or linked over time.
 
 The unknowns of a frame are ``(z (32,), R (3, 3), t (3,))`` with 38 tangents: 32 for the code, 3 for the root's rotation
 (world), and 3 for the translation. The cost is the robust data term and ``w/2 |z|²``, the negative log density of the
@@ -42,19 +42,19 @@ _FLOOR = 1e-2  # Value added to the diagonal, so that unobserved parts do not mo
 
 @dataclass(frozen=True)
 class States(Rows):
-    """Unknowns of F frames."""
+    """Codes, root rotations and translations of F frames."""
 
     z: np.ndarray  # (F, 32) codes.
     root: np.ndarray  # (F, 3, 3) body to world.
     transl: np.ndarray  # (F, 3) metres.
 
     def retract(self, step: np.ndarray) -> States:
-        """Move the states by tangent steps (F, 38)."""
+        """Update the states by tangent steps (F, 38)."""
         root = exp_so3(step[:, STATE[ROOT]]) @ self.root
         return States(self.z + step[:, STATE[CODE]], root, self.transl + step[:, STATE[TRANSL]])
 
     def replaced(self, frames: np.ndarray, new: States) -> States:
-        """Return the states in which some frames have new states."""
+        """Return a copy with new states in some frames."""
         parts = {name: getattr(self, name).copy() for name in ("z", "root", "transl")}
         for name, values in parts.items():
             values[frames] = getattr(new, name)
@@ -80,13 +80,13 @@ Link = Callable[[States, PosedFrames, np.ndarray], Equations]
 
 
 def pose_prior() -> GaussianVAE:
-    """Return VPoser as in its public code, which the published methods used (Pavlakos et al. 2019)."""
+    """Load VPoser with the architecture of its public code, which the published methods used."""
     return load_vae("vposer")
 
 
 @dataclass(frozen=True)
 class Sequence:
-    """Data that do not change while frames are fitted."""
+    """Person, prior and objective of the frames to fit."""
 
     subject: Subject
     prior: PosePrior
@@ -98,11 +98,11 @@ class Sequence:
         return PosedFrames(states.root, decoded(self.prior, states.z), states.transl)
 
     def d_pose_d_state(self, states: States) -> np.ndarray:
-        """Return the derivative (F, 69, 38) of the pose tangents w.r.t. the tangents of the states."""
+        """Return the (F, 69, 38) derivative of the pose tangents w.r.t. the state tangents."""
         return d_pose_d_state(STATE, decoder_jacobian(self.prior, states.z)[0])
 
     def equations(self, states: States, scale: float, link: Link | None) -> Equations:
-        """Return the Gauss-Newton model at these states."""
+        """Return the Gauss-Newton model of the cost at these states."""
         poses, C = self.poses(states), self.d_pose_d_state(states)
         data = frame_equations(self.subject, poses, self.objective, scale)
         C_T = C.swapaxes(-1, -2)
@@ -115,7 +115,7 @@ class Sequence:
         return own if link is None else own + link(states, poses, C)
 
     def solve(self, states: States, scale: float, iterations: int, link: Link | None = None) -> States:
-        """Minimise from these states: each frame separately, or all frames together if a link couples them."""
+        """Minimise the cost, for each frame separately or, with a link, for all frames together."""
 
         def linearise(s: States) -> tuple[np.ndarray, DenseBlocks | BlockTridiagonal]:
             found = self.equations(s, scale, link)
@@ -137,7 +137,7 @@ def _masked(states: States, mask: np.ndarray) -> States:
 
 
 def initial_states(prepared: Prepared, prior: PosePrior) -> States:
-    """Return the codes of poses fitted to the triangulated points. Frames without points are interpolated."""
+    """Return states fitted to the triangulated points. Frames without points are interpolated."""
     problem = prepared.problem
     fitted = fit_to_points(problem, prepared.subject, prepared.seen)
     start = posed(problem.prior, bridged_states(fitted, prepared.seen, problem.num_frames))
@@ -146,7 +146,7 @@ def initial_states(prepared: Prepared, prior: PosePrior) -> States:
 
 @dataclass(frozen=True)
 class PosedJoints:
-    """Joints of the posed body, and their derivatives w.r.t. the states."""
+    """Joint positions of the posed body, and their derivatives w.r.t. the states."""
 
     joints: np.ndarray  # (F, 72) joint positions in metres.
     by_states: np.ndarray  # (F, 72, 38) derivatives w.r.t. the states.
@@ -166,5 +166,5 @@ class PosedJoints:
 
 
 def with_weight(sequence: Sequence, latent_weight: float) -> Sequence:
-    """Return the sequence with a different weight of the codes' density."""
+    """Return the sequence with another weight of the codes' density."""
     return replace(sequence, latent_weight=latent_weight)

@@ -1,4 +1,4 @@
-"""Robust triangulation and a Butterworth low-pass filter, as in most open pipelines."""
+"""Implement robust triangulation with a Butterworth low-pass filter, as in most open pipelines."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ class TriangulatedButterworth(Baseline):
     simplified: str = ""
 
     def solve(self, capture: Capture) -> BaselineResult:
-        """Return the filtered points."""
+        """Triangulate the keypoints of a capture, and filter them."""
         return BaselineResult(triangulate_and_filter(*capture.require_multiview(), self.cutoff_hz))

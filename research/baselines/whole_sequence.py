@@ -1,4 +1,4 @@
-"""Methods that solve a whole sequence of Gaussian codes in one problem: ETC and DMMR (thesis 6.3.5)."""
+"""Implement ETC and DMMR, which solve a whole sequence of Gaussian codes at once (thesis 6.3.5)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _START = "start and shape from triangulated points in place of HMR"
 
 @dataclass(frozen=True)
 class ETC(BodyBaseline):
-    """Exploiting temporal context (Arnab et al. 2019), for several views, with slow joints throughout the take."""
+    """Exploiting Temporal Context (Arnab et al. 2019) with several views: slow joints throughout the take."""
 
     latent_weight: float = 0.3  # Weight of ``|z|²/2``, chosen by ``tune_baselines``.
     speed_m_s: float = 1.0  # Standard deviation of a joint's speed per axis, chosen by ``tune_baselines``.
@@ -36,7 +36,7 @@ class ETC(BodyBaseline):
 
 @dataclass(frozen=True)
 class DMMR(BodyBaseline):
-    """Dynamic multi-person mesh recovery (Huang et al. 2021), with slow latent codes, in four stages."""
+    """Dynamic Multi-person Mesh Recovery (Huang et al. 2021): slow latent codes, in four stages."""
 
     latent_weight: float = 12.0  # Weight of ``|z|²/2``, chosen by ``tune_baselines``.
     codes_per_s: float = 1.25  # Standard deviation of a code's speed, chosen by ``tune_baselines``.

@@ -1,4 +1,4 @@
-"""Windows for comparison with the published method: SLERP between Gaussian codes, and other root curves.
+"""Define windows for published methods: SLERP between Gaussian codes, and other root curves.
 
 The cost is the published data term and, for Gaussian codes, the density of the codes.
 """
@@ -23,19 +23,19 @@ Root = Literal["sider", "slerp", "se3"]
 
 @dataclass(frozen=True)
 class OtherWindow(Window):
-    """A window that uses another curve through its keys."""
+    """A window with another curve through its keys."""
 
     gaussian: bool = False  # True for codes from a Gaussian prior, whose lengths are interpolated.
     latent_weight: float = 0.0  # Weight of ``|z|²/2`` in every frame.
     root: Root = "sider"
-    """Root motion between three keys: rotation on a spherical parabola, rotation from key to key, or a screw motion."""
+    """Root motion between three keys: a spherical parabola, SLERP from key to key, or a screw motion."""
 
     def codes_cost(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return ``w |z|²/2``, summed over the frames, and its gradient."""
+        """Return the prior cost ``w |z|²/2`` of codes, summed over the frames, and its gradient."""
         return 0.5 * self.latent_weight * float((z**2).sum()), self.latent_weight * z
 
     def curve(self, state: KeyState) -> KeyframeCurve:
-        """Return the curve through the keys."""
+        """Return the curve of poses through the keys."""
         return KeyframeCurve.through(
             self.keys(state),
             self.time[None],
@@ -48,7 +48,7 @@ class OtherWindow(Window):
 
 @dataclass(frozen=True)
 class KeyToKeySlerp:
-    """SLERP from the first of three keys to the second, and from there to the third."""
+    """SLERP from the first of three keys to the second, and then to the third."""
 
     early: KeyWeights
     late: KeyWeights
@@ -66,14 +66,14 @@ class KeyToKeySlerp:
         return np.where(self.is_late, self.late.value, self.early.value)
 
     def vjp(self, cotangent: np.ndarray) -> np.ndarray:
-        """Return the vector-Jacobian products (W, n, 3, d) for each key."""
+        """Return the (W, n, 3, d) vector-Jacobian products with respect to the keys."""
         early = self.early.vjp(np.where(self.is_late, 0.0, cotangent))
         late = self.late.vjp(np.where(self.is_late, cotangent, 0.0))
         middle = early[..., 1:, :] + late[..., :1, :]
         return np.concatenate([early[..., :1, :], middle, late[..., 1:, :]], axis=-2)
 
     def jacobian(self, key: int) -> np.ndarray:
-        """Return the derivatives (W, n, d, d) of the points w.r.t. one of the keys."""
+        """Return the (W, n, d, d) derivatives of the interpolated points w.r.t. one key."""
         return _jacobian(self, key)
 
 
@@ -100,19 +100,19 @@ class StretchedSlerp:
         return self.unit.weights @ self.keys[:, 0]
 
     def vjp(self, cotangent: np.ndarray) -> np.ndarray:
-        """Return the vector-Jacobian products (W, n, 2, d) for each key."""
+        """Return the (W, n, 2, d) vector-Jacobian products with respect to the keys."""
         along, u = cotangent @ self.keys[:, 0].swapaxes(-1, -2), self.unit.keys
         by_unit = np.einsum("wfi,wfjik->wfjk", along, self.unit.mixing) @ u
         by_unit = by_unit - (by_unit * u).sum(-1, keepdims=True) * u
         return self.unit.weights[..., :, None] * cotangent[..., None, :] + by_unit / self.length
 
     def jacobian(self, key: int) -> np.ndarray:
-        """Return the derivatives (W, n, d, d) of the points w.r.t. one of the keys."""
+        """Return the (W, n, d, d) derivatives of the interpolated points w.r.t. one key."""
         return _jacobian(self, key)
 
 
 def _jacobian(points: Interpolant, key: int) -> np.ndarray:
-    """Return Jacobians (W, n, d, d) of points between keys. Row i is the vector-Jacobian product of unit vector i."""
+    """Return the (W, n, d, d) Jacobian w.r.t. a key. Row i is the vector-Jacobian product of unit vector i."""
     value = points.value
     rows = [points.vjp(np.broadcast_to(unit, value.shape))[..., key, :] for unit in np.eye(value.shape[-1])]
     return np.stack(rows, axis=-2)

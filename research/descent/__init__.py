@@ -1,1 +1,1 @@
-"""Descent on manifolds (thesis 6.2.4), by which published methods minimise whole windows."""
+"""Minimise on manifolds, as published methods do for whole windows (thesis 6.2.4)."""

@@ -1,4 +1,4 @@
-"""Limited-memory BFGS on manifolds. For the published methods, it is a stronger minimiser than Algorithm 1."""
+"""Minimise on manifolds by limited-memory BFGS, a stronger minimiser than Algorithm 1 of the thesis."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ MEMORY = 12  # Number of stored pairs of a step and a gradient change.
 def lbfgs(
     manifold: Manifold, objective: Objective, state: State, settings: MinimiseSettings = MinimiseSettings()
 ) -> MinimiseResult:
-    """Minimise by limited-memory BFGS whose pairs are projected onto the tangent space at the iterate.
+    """Minimise a function on a manifold by limited-memory BFGS.
+
+    Stored pairs are projected to the tangent space of the current state.
 
     Args:
-        manifold: manifold on which the state lies.
+        manifold: manifold of the state.
         objective: function that returns the cost and gradient of a state.
         state: initial state on the manifold.
         settings: stopping criteria.
@@ -71,7 +73,7 @@ class _LimitedMemory:
         return q
 
     def learn(self, manifold: Manifold, y: State, step: State, old: State, new: State) -> None:
-        """Project all pairs onto the tangent space at ``y``. Add the latest pair if its curvature is positive."""
+        """Project all pairs to the tangent space at ``y``, and add the latest one if its curvature is positive."""
         carried = [(manifold.project(y, s), manifold.project(y, d), p) for s, d, p in self.pairs]
         s = manifold.project(y, step)
         change = manifold.combine(1.0, new, -1.0, manifold.project(y, old))

@@ -1,1 +1,1 @@
-"""Make benchmark captures from recorded motion: simulated cameras and detectors with errors, and recording faults."""
+"""Make benchmark captures from recorded motion with simulated cameras, detectors and faults."""

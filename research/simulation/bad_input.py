@@ -1,7 +1,7 @@
-"""Add a fault to a capture, and describe the fault in the capture's truth.
+"""Add faults to captures, for example a bumped camera or a passer-by.
 
-Each function takes a capture and returns a new one. ``truth["bad_view"]`` and ``truth["bad_frames"]`` (first, one past
-the last) give the view and the frames of the fault.
+Each function returns a new capture. Its ground truth contains the faulty view as ``bad_view``, and the faulty frames as
+``bad_frames`` (first, one past the last).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ WALK_M_S = 1.4  # Walking speed of a passer-by.
 
 
 def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) -> Capture:
-    """Rotate a camera from a frame on, as if it had been bumped after calibration. Only its detections move."""
+    """Rotate a camera from a frame on, as if it was bumped after calibration. Only its detections change."""
     cameras, keypoints = capture.require_multiview()
     turn = exp_so3(np.radians(degrees) * np.array([0.6, 0.8, 0.0]))
     one = cameras.subset([view])
@@ -39,7 +39,7 @@ def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) ->
 
 
 def calibrations_exchanged(capture: Capture, first: int, second: int) -> Capture:
-    """Exchange the calibrations of two cameras, as if their names had been mixed up."""
+    """Swap the calibrations of two cameras, as if their names were mixed up."""
     cameras, keypoints = capture.require_multiview()
     order = list(range(len(cameras)))
     order[first], order[second] = second, first
@@ -49,7 +49,7 @@ def calibrations_exchanged(capture: Capture, first: int, second: int) -> Capture
 
 
 def unsynchronised(capture: Capture, view: int, frames: int = 12) -> Capture:
-    """Delay a camera by whole frames. Frames before its start are missing."""
+    """Delay one camera by whole frames. Frames before its start have no detections."""
     _, keypoints = capture.require_multiview()
     xy = keypoints.xy.copy()
     xy[view] = np.nan
@@ -65,7 +65,7 @@ def unsynchronised(capture: Capture, view: int, frames: int = 12) -> Capture:
 
 
 def mirrored(capture: Capture, view: int) -> Capture:
-    """Mirror the image of a camera, as some webcams do. The pixels flip, so the detector exchanges left and right."""
+    """Mirror a camera's image, as some webcams do. The detector therefore also swaps left and right."""
     cameras, keypoints = capture.require_multiview()
     sides = list(keypoints.joint_set.mirrored())
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
@@ -75,7 +75,7 @@ def mirrored(capture: Capture, view: int) -> Capture:
 
 
 def sides_exchanged(capture: Capture, view: int) -> Capture:
-    """Exchange left and right detections in one view over the whole take."""
+    """Swap left and right detections in one view over the whole take."""
     _, keypoints = capture.require_multiview()
     sides = list(keypoints.joint_set.mirrored())
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
@@ -84,7 +84,7 @@ def sides_exchanged(capture: Capture, view: int) -> Capture:
 
 
 def away(capture: Capture, first: int, seconds: float = 3.0) -> Capture:
-    """Let the person walk out of the volume. The views lose the person one after another, and find them again."""
+    """Let the person leave the capture volume and return. The views lose and find the person one by one."""
     _, keypoints = capture.require_multiview()
     last = min(first + round(seconds * keypoints.fps), keypoints.num_frames)
     edge = max(1, round(0.1 * keypoints.fps))
@@ -139,7 +139,7 @@ def with_passerby(
 
 
 def _across(person: Person, pelvis: np.ndarray, clearance_m: float, fps: float) -> tuple[Person, np.ndarray]:
-    """Return the person who walks past ``pelvis`` (F, 3) halfway, and the distances (F,) from there in metres."""
+    """Let a person walk past ``pelvis`` (F, 3). Return the person, and the distances (F,) from there in metres."""
     frames = np.arange(len(pelvis))
     way = WALK_M_S * (frames - len(pelvis) // 2) / fps
     cycle = frames % len(person.transl)
@@ -162,7 +162,7 @@ def _both(
 
 
 def _height(xy: np.ndarray) -> np.ndarray:
-    """Return the height (C, F) in pixels of a person's detections, or 0 if there are none."""
+    """Return the (C, F) height of a person's detections in pixels, or 0 without detections."""
     y = xy[..., 1]
     seen = np.isfinite(y)
     high, low = np.where(seen, y, -np.inf).max(-1), np.where(seen, y, np.inf).min(-1)

@@ -1,4 +1,4 @@
-"""Benchmark captures: recorded motion on our body, seen by cameras on tripods and a detector with realistic errors."""
+"""Make benchmark captures: recorded motion on our body, cameras on tripods and a realistic detector."""
 
 from __future__ import annotations
 
@@ -21,22 +21,20 @@ JOINT_SET = JointSet.BODY_25
 
 @dataclass(frozen=True)
 class BenchmarkSettings:
-    """Settings for filming a take with simulated cameras."""
+    """Settings for filming a motion with simulated cameras."""
 
     num_views: int = 4  # Number of cameras.
     seed: int = 0  # Seed of the shape, the bias and the noise.
     sync_offset_frames: float = 0.0  # Largest delay of a camera. All except the first are drawn uniformly from ± this.
     largest_delay_frames: float = 0.0
-    """Largest additional delay of a camera in frames. All except the first are drawn uniformly from 0 to this. It adds
-    to the value above."""
+    """Largest additional delay of a camera in frames. All except the first are drawn uniformly from 0 to this."""
     anatomy_mm: float = 8.0
-    """Standard deviation in millimetres per axis between the detector's and the body's definition of a joint. A solve
-    of the recording gives its landmarks 9.6 mm. A part of that is common to all people and included in the definition
-    of the landmarks."""
+    """Standard deviation in millimetres per axis between the detector's and the body's definition of a joint. In a
+    solve of the recording, it is 9.6 mm. The landmarks already include the part that is common to all people."""
     calibration_mm: float = 8.0
-    """Standard deviation in millimetres per axis of the calibration error, measured at the person in a view. The
-    recording has 22 mm, which is a poor calibration (its views disagree by 27 mm as calibrated, and by 10 mm with
-    refined cameras). The chosen value is acceptable to users (Pagnon et al. 2021 ask for less than 10 mm)."""
+    """Standard deviation in millimetres per axis of the calibration error, at the person in a view. The recording's
+    poor calibration has 22 mm (its views disagree by 27 mm, and by 10 mm with refined cameras). Pagnon et al. 2021 ask
+    for less than 10 mm."""
     detector: DetectorFaults = MEASURED_DETECTOR  # The simulated detector and its errors.
     touches_floor: bool = False  # Put the lowest skin point on the floor in every frame. Recorded feet may float.
 
@@ -44,7 +42,7 @@ class BenchmarkSettings:
 def benchmark_capture(
     take: Take, settings: BenchmarkSettings = BenchmarkSettings(), body: Body | None = None
 ) -> Capture:
-    """Film a take and add its truth.
+    """Film a recorded motion with simulated cameras, and add the ground truth.
 
     The truth contains SMPL parameters, joints, keypoints3d, and ``meant3d``, the points as the detector defines them.
     It also contains ``swapped`` and ``outlier`` (C, F, K), ``swaps`` (N, 4: view, limb, first frame, one past the
@@ -53,7 +51,7 @@ def benchmark_capture(
     Args:
         take: recorded motion.
         settings: settings for filming the take.
-        body: body whose shape space the person is drawn from, by default the bundled body.
+        body: body for the random shape, by default the included body.
 
     Raises:
         TakeTooShort: there are fewer than four frames.
@@ -70,7 +68,7 @@ def benchmark_capture(
 def film_benchmark(
     person: Person, fps: float, name: str, settings: BenchmarkSettings, rng: np.random.Generator
 ) -> Capture:
-    """Film a person and add the truth (see ``benchmark_capture``)."""
+    """Film a person with simulated cameras, and add the ground truth (see ``benchmark_capture``)."""
     true = person.landmarks(JOINT_SET)
     pelvis = true.skeleton.joints[:, 0]
     cameras = around(pelvis, settings.num_views)

@@ -1,4 +1,4 @@
-"""Film two people who pass each other. They occlude each other, and the detector lists them in any order."""
+"""Film two people who pass and occlude each other. The detector lists them in any order."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from solver_backend.types import Cameras, Keypoints2D
 
 PASSING_M = (0.5, 0.7)
 """Range of the smallest distance between both pelvises in metres. Closer people would touch shoulders."""
-CROSSING_RAD = (np.pi / 3, np.pi)  # Angle between the directions in which they walk.
-HIDDEN_SHARE = 0.6  # A person is not detected if the other hides a larger fraction of the keypoints.
+CROSSING_RAD = (np.pi / 3, np.pi)  # Range of angles between the walking directions of both people.
+HIDDEN_SHARE = 0.6  # Largest hidden fraction of a person's keypoints with a detection.
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """Two people filmed together, and each of them filmed alone, with the same cameras and the same noise."""
+    """Two people filmed together, and each one filmed alone with the same cameras and noise."""
 
     cameras: Cameras  # C calibrated cameras.
     detections: Detections  # Detections of both people, in any order per view and frame.
@@ -70,7 +70,7 @@ def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSe
 
 
 def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Person]:
-    """Return both people, rotated and moved so that they meet in the middle of the take."""
+    """Rotate and move two people so that they meet in the middle of the take."""
     middle = len(people[0].transl) // 2
     angle = (0.0, rng.uniform(*CROSSING_RAD))
     gap = rng.uniform(*PASSING_M)
@@ -92,7 +92,7 @@ def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Per
 def _listed(
     cameras: Cameras, found: list[DetectorOutput], hidden: np.ndarray, rng: np.random.Generator
 ) -> tuple[Detections, np.ndarray]:
-    """Return the contents of files that list the visible people in random order, and who each person is."""
+    """Return detections of the visible people in random order, and the person of each detection."""
     xy = np.stack([output.xy for output in found], axis=2)
     confidence = np.stack([output.confidence for output in found], axis=2)
     there = (hidden.mean(axis=-1) <= HIDDEN_SHARE) & (confidence > 0).any(axis=-1)

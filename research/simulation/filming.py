@@ -20,13 +20,13 @@ from solver_backend.synthesis.simulation.keypoint_detector import (
 )
 from solver_backend.types import Cameras, JointSet
 
-LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)  # Distortion similar to that of the recording's cameras.
-OCCLUSION_HZ = 30.0  # Rate at which occlusion is tested.
-_CHUNK = 64  # Frames processed together, which limits memory. Chosen by hand.
+LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)  # Lens distortion similar to the recording's cameras.
+OCCLUSION_HZ = 30.0  # Frame rate of the occlusion tests.
+_CHUNK = 64  # Number of frames processed together, which limits memory. Chosen by hand.
 
 
 def around(pelvis: np.ndarray, num_views: int) -> Cameras:
-    """Return cameras on tripods that keep a person on the path (F, 3) in view.
+    """Return cameras on tripods that see a person on the whole path (F, 3).
 
     Two of them are roughly at a right angle to each other.
     """
@@ -40,19 +40,19 @@ def around(pelvis: np.ndarray, num_views: int) -> Cameras:
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """Simulated cameras and a simulated detector, with their errors."""
+    """Settings of simulated cameras and a simulated detector, with their errors."""
 
     joint_set: JointSet  # Names of the K keypoints.
     fps: float  # Frames per second.
     detector: DetectorFaults  # The detector.
     offsets: np.ndarray | None = None
-    """(K, 3) offsets in metres in the rest frames from the body's to the detector's keypoint definition, or None."""
+    """(K, 3) offsets from the body's to the detector's keypoints in their rest frames, in metres, or None."""
     delays: np.ndarray | None = None  # (C,) delays of the views in frames, or None.
-    hidden: np.ndarray | None = None  # (C, F, K) mask of keypoints that others hide, or None.
+    hidden: np.ndarray | None = None  # (C, F, K) mask of keypoints that other people hide, or None.
 
 
 def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.random.Generator) -> DetectorOutput:
-    """Return the detector's output for a person.
+    """Simulate the detections of a person in several views.
 
     Args:
         person: the person in F frames.
@@ -78,7 +78,7 @@ def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.rando
 
 
 def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings: FilmSettings) -> np.ndarray:
-    """Return a mask (C, F, K) of points occluded by the person or by others, tested at ``OCCLUSION_HZ``."""
+    """Return a mask (C, F, K) of points that the person or others occlude, tested at ``OCCLUSION_HZ``."""
     step = max(1, round(settings.fps / OCCLUSION_HZ))
     frames, keypoints = np.arange(0, len(points), step), settings.joint_set.keypoints
     hidden = [
@@ -90,7 +90,7 @@ def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings
 
 
 def hidden_by(other: Person, cameras: Cameras, points: np.ndarray, fps: float) -> np.ndarray:
-    """Return a mask (C, F, K) of the (F, K, 3) points that another person occludes, tested at ``OCCLUSION_HZ``."""
+    """Return a mask (C, F, K) of points (F, K, 3) that another person occludes, tested at ``OCCLUSION_HZ``."""
     step = max(1, round(fps / OCCLUSION_HZ))
     frames = np.arange(0, len(points), step)
     hidden = [

@@ -1,4 +1,4 @@
-"""Measure the error that body and prior cause on unfamiliar bodies when detections are exact."""
+"""Measure the error of body and prior on unfamiliar bodies with exact detections."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ Q95 = 2.795  # 95 % quantile of the norm of three independent standard normal nu
 
 
 def exact_capture(take: Take, seed: int) -> Capture:
-    """Return a take performed by an unfamiliar body, filmed with exact cameras and an exact detector."""
+    """Film an unfamiliar body with exact cameras and an exact detector."""
     settings = BenchmarkSettings(seed=seed, calibration_mm=0.0, detector=EXACT)
     return benchmark_capture(take, settings, strange_body(seed))
 
 
 def measure_model_error(captures: Iterable[Capture]) -> dict[str, float]:
-    """Return the deviation in mm per axis between solves and intended points, per keypoint, both sides combined.
+    """Measure the deviation of solved keypoints from their true positions in mm per axis, by body part.
 
     ``m = q95(|y - x|) / 2.795`` over all frames, takes and both sides, which is the standard deviation of a Gaussian
-    with that quantile. It is the error that body, offsets and prior cause when detections are exact.
+    with that quantile. It is the error that body, offsets and prior cause if detections are exact.
 
     Args:
         captures: captures of unfamiliar bodies (see ``exact_capture``).

@@ -1,6 +1,6 @@
-"""Measure a real detector's errors on a recording, relative to the take's own smooth 3D points.
+"""Measure a real detector's errors relative to smooth 3D points of the same recording.
 
-The reference is a robust triangulation of all views after low-pass filtering. An error that is the same in all views is
+The reference is a robust triangulation of all views after low-pass filtering. An error that is equal in all views is
 invisible. With C views, the residuals contain ``sqrt((2C - 3) / 2C)`` of a constant error. Errors that a small rotation
 of the cameras explains belong to the calibration, so the cameras are refined first. Lengths are in millimetres at the
 person's distance (``px · depth / focal``), so that lenses can be compared.
@@ -21,13 +21,13 @@ from solver_backend.types import Cameras, Capture, Keypoints2D
 
 REFERENCE_CUTOFF_HZ = 12.0  # Cutoff of the reference, above human movement and below the jitter.
 OUTLIER_MM = 100.0  # Smallest distance between an outlier and the reference.
-CLIP_MM = 60.0  # Errors are clipped to this when their correlation in time is computed.
-LONGEST_LAG_S = 1.0  # Largest lag for which correlation is measured.
+CLIP_MM = 60.0  # Largest error for measuring the correlation in time. Larger errors are clipped.
+LONGEST_LAG_S = 1.0  # Largest lag of a measured correlation in seconds.
 
 
 @dataclass(frozen=True)
 class NoiseFigures:
-    """A detector's errors for K keypoints, pooled over views and frames unless otherwise stated."""
+    """Measured errors of a detector for K keypoints, pooled over views and frames unless stated otherwise."""
 
     keypoints: tuple[str, ...]  # Names of the K keypoints.
     as_calibrated_mm: np.ndarray  # (K,) ``bias_mm`` with the cameras as calibrated, before they are refined.
@@ -44,7 +44,7 @@ class NoiseFigures:
     outliers: float  # Fraction of detections farther than ``OUTLIER_MM`` from the reference.
     outlier_mm: float  # Median distance of outliers, or NaN if there are none.
     outlier_frames: float  # Mean length of a run of outliers.
-    swaps: float  # Fraction of left/right pairs that fit better if exchanged.
+    swaps: float  # Fraction of left/right pairs that fit better if swapped.
     delay_frames: np.ndarray  # (C,) delay of each view relative to all views.
     confidence_rank_correlation: float  # Spearman correlation between confidence and error.
     error_by_confidence_mm: np.ndarray  # (5,) median error in each fifth of the detections, least confident first.
@@ -72,7 +72,7 @@ class NoiseFigures:
 
 
 def measure_noise(capture: Capture) -> NoiseFigures:
-    """Measure the detector that was used for a multi-view recording.
+    """Measure the errors of the detector behind a multi-view recording.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -127,13 +127,13 @@ def _bias(inlier: np.ndarray) -> np.ndarray:
 
 
 def millimetres_per_px(cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return how many millimetres (C, F, K) a pixel spans at the distance of each of (F, K, 3) points."""
+    """Return the (C, F, K) size of a pixel in millimetres at the distance of each point (F, K, 3)."""
     depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
     return 1000.0 * depth / cameras.K[:, 0, 0, None, None]
 
 
 def _shares(error: np.ndarray, fps: float) -> tuple[float, float, float]:
-    """Fit ``ρ(l) = c + a exp(-l / τ)``. Return the constant fraction c, the drifting fraction a, and τ in seconds."""
+    """Fit the correlation ``ρ(l) = c + a exp(-l / τ)``. Return the fractions c and a, and τ in seconds."""
     lags = np.arange(1, max(3, min(round(LONGEST_LAG_S * fps), error.shape[1] - 1)))
     measured = np.array([_correlation(error, int(lag)) for lag in lags])
     fits = []
@@ -146,7 +146,7 @@ def _shares(error: np.ndarray, fps: float) -> tuple[float, float, float]:
 
 
 def _correlation(values: np.ndarray, lag: int) -> float:
-    """Return the pooled correlation, about zero, between (C, F, K, 2) values and those ``lag`` frames later."""
+    """Return the pooled correlation between (C, F, K, 2) values and the values ``lag`` frames later."""
     before, after = values[:, :-lag], values[:, lag:]
     both = np.isfinite(before) & np.isfinite(after)
     power = 0.5 * (before[both] ** 2 + after[both] ** 2).sum()
@@ -154,7 +154,7 @@ def _correlation(values: np.ndarray, lag: int) -> float:
 
 
 def _delays(jitter: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return the delays d (C,) in frames from a least-squares fit of ``error = -d · velocity`` in millimetres."""
+    """Fit the camera delays d (C,) in frames by least squares: ``error = -d · velocity`` in millimetres."""
     velocity = np.gradient(place, axis=1)
     product = np.nansum(jitter * velocity, axis=(1, 2, 3))
     power = np.nansum(np.where(np.isfinite(jitter), velocity, 0.0) ** 2, axis=(1, 2, 3))
@@ -162,13 +162,13 @@ def _delays(jitter: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def _run_length(missing: np.ndarray) -> float:
-    """Return the mean length of runs along axis 1 of a mask (C, F, K)."""
+    """Return the mean length of the runs in a mask (C, F, K) along its frames."""
     starts = missing[:, 0].sum() + (missing[:, 1:] & ~missing[:, :-1]).sum()
     return float(missing.sum() / starts) if starts else float("nan")
 
 
 def _swapped(xy: np.ndarray, px: np.ndarray, scale: np.ndarray, mirrored: list[int]) -> float:
-    """Return the fraction of pairs at least ``OUTLIER_MM`` apart that fit twice as well after an exchange."""
+    """Return the fraction of pairs at least ``OUTLIER_MM`` apart that fit twice as well if swapped."""
     first = [k for k, other in enumerate(mirrored) if k < other]
     second = [mirrored[k] for k in first]
 

@@ -1,4 +1,4 @@
-"""Find keypoints that the body itself hides from a camera, by casting sight lines at the posed mesh."""
+"""Find keypoints that skin hides from a camera, by casting sight lines at the posed mesh."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver_backend.types import Cameras
 def self_occluded(
     cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray, keypoints: tuple[str, ...]
 ) -> np.ndarray:
-    """Return a mask (C, F, K) of the keypoints that the skin of another body part occludes.
+    """Return a mask (C, F, K) of the keypoints that another part of the same body occludes.
 
     Args:
         cameras: C cameras.
@@ -32,7 +32,7 @@ def self_occluded(
 
 
 def occluded_by(cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return a mask (C, F, K) of the points that the skin of another person occludes.
+    """Return a mask (C, F, K) of the points that another person's skin occludes.
 
     Args: as in ``self_occluded``, with the body and the skin of the other person.
     """
