@@ -195,7 +195,7 @@ class GaussianMixture(PosePrior):
         return self.decode(z), in_own_columns(left_jacobian_so3(vectors))
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the negative log densities (N,) of poses, 0 if all components were at their peaks.
+        """Return the negative log densities (N,) of poses relative to the sum of the components' peaks.
 
         ``-log Σ_k s_k exp(-½ |L_k⁻¹ (x - μ_k)|²)``, where ``s_k`` is each component's share in the sum of peaks.
         """

@@ -22,7 +22,7 @@ _LINE_PX, _RISE_PX = 16, 4
 
 
 def picture(title: str, height: int, parts: Iterable[str]) -> str:
-    """Combine parts to an SVG file. ``title`` describes it for readers who cannot see it."""
+    """Combine parts into an SVG file. ``title`` describes it for readers who cannot see it."""
     size = f'viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" height="{height}"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">'
     return "\n".join([head, f"<title>{escape(title)}</title>", _STYLE, _HEAD, _PAPER, *parts, "</svg>", ""])

@@ -112,12 +112,12 @@ class LenientStream:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        """Write text if possible."""
+        """Write text, or drop it if the stream is closed or full."""
         self._try("write", text)
         return len(text)
 
     def flush(self) -> None:
-        """Flush the stream if possible."""
+        """Flush the stream, unless it is closed or full."""
         self._try("flush")
 
     def _try(self, name: str, *arguments: str) -> None:

@@ -165,7 +165,7 @@ def lock(handle: int) -> bool | None:
 
 _LONGEST_NAME = 255  # Longest file name in bytes on common file systems.
 _NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROFS") if hasattr(errno, name)}
-"""No space, a quota, a file size limit, or a read-only disk."""
+"""Error codes of a full disk or quota, a file size limit, and a read-only disk."""
 
 
 def check_output(path: Path | str, *, overwrite: bool = False) -> Path:

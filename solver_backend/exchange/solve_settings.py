@@ -57,7 +57,7 @@ ROOT_CURVES = (
     Choice(APART, "Apart", "Interpolate rotation and translation separately, as in Albanis 2026 (recommended)"),
     Choice(SCREW, "Screw", "Interpolate both as screw motions in SE(3), for turns on an arc"),
 )
-"""Source: thesis 6.2.5 (eq. 6.10), and 6.4 for the screw."""
+"""Curves of the root. Source: thesis 6.2.5 (eq. 6.10), and 6.4 for the screw."""
 METHOD_NAMES = tuple(method.value for method in METHODS)
 BACKENDS = (
     Choice("numpy", "NumPy", "Works everywhere (recommended)"),

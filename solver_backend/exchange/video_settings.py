@@ -32,7 +32,7 @@ _video = partial(setting, group=VIDEOS)
 
 @dataclass(frozen=True, kw_only=True)
 class VideoSettings:
-    """Information that a take's footage may not contain."""
+    """Settings that complete the footage of a take, for example cameras and lenses."""
 
     # fmt: off
     cameras: str = _video(

@@ -203,9 +203,9 @@ errors are 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
 """Median distances relative to the person's extent: one exceeds any detector's errors, one makes a result useless."""
 TILT_DEGREES, LEANS_DEGREES, TILT_SIGMAS = 8.0, 25.0, 3.0
-"""Angles between a person's stance and the world's up direction that are suspicious: in degrees for joint centres, in
-degrees for views, and in standard deviations. Levelled takes stay within 5 degrees, but people who dance or climb
-stairs lean by 19 (``bench_good_captures``)."""
+"""Smallest suspicious angles between a standing person and the world's up direction: in degrees from joint centres, in
+degrees from views, and in standard deviations. Level takes stay within 5 degrees, but people who dance or climb stairs
+lean by 19 (``bench_good_captures``)."""
 STANDS_SHARE = 0.5  # Smallest fraction of frames within 45° of upright that serves as evidence of up.
 
 

@@ -75,7 +75,7 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
 
 
 def page_of(title: str, subtitle: str, body: str) -> str:
-    """Combine HTML parts to a complete page."""
+    """Combine HTML parts into a complete page."""
     style, script = _part("page.css"), _part("page.js")
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'

@@ -51,7 +51,7 @@ def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list
 
 
 def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
-    """Choose the end of a limb among the bones after its middle joint that have the end's name.
+    """Choose a limb's end among the bones after its middle joint that are named like the end.
 
     The first one is chosen, unless the next one is further away than a palm. Depth cameras track the middle of the palm
     as the hand. In Acclaim skeletons, the wrist rotates the lower forearm, and the hand begins at the joint.

@@ -153,7 +153,7 @@ def paired(
 def paired_frames(
     dai: Any, name: str, queue: Any, running: Callable[[], bool], silent_s: float, by_ptp: bool = False
 ) -> Iterator[SensorFrame]:
-    """Yield frames from a queue while ``running``. Without a frame for ``silent_s``, the device is lost.
+    """Yield frames from a queue while ``running``. Without a frame for ``silent_s``, the device counts as lost.
 
     Raises:
         SensorFailed: the device was lost or sent nothing, or its clock was reset.

@@ -74,7 +74,7 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
 
 
 def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
-    """Read a motion and transfer it to another body shape, with equal rotations and path on the floor."""
+    """Read a motion file, and apply its joint rotations and path on the floor to another body shape."""
     motion = load_motion(path)
     if isinstance(motion, BvhClip):
         raise MotionInvalid("The skeleton is not the program's body. Use `motion convert` first.", where=str(path))
