@@ -268,7 +268,7 @@ def _values(data: bytes, kind: Any, count: Any) -> np.ndarray:
 
 
 def _loaded(data: Any = b"", *_: Any) -> Any:
-    """Read a PyTorch storage that a plain pickle contains as a separate file."""
+    """Read a tensor storage that a plain pickle contains as the bytes of a PyTorch file."""
     return _older_torch(bytes(data), Path("tensor"), least=0)
 
 

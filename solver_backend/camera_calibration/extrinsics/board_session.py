@@ -133,7 +133,7 @@ def placed_boards(
     moments: Sequence[int],
     fps: float | None,
 ) -> tuple[Bodies, BodySightings]:
-    """Return the board pose in each frame, from the camera that sees most points, and all sightings.
+    """Return the board pose in each frame, and all sightings. The camera that sees most points gives the pose.
 
     With ``fps``, points have velocities. A point with an unknown velocity gets a small weight.
     """

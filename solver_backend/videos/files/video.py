@@ -94,7 +94,7 @@ class TimedPictures:
 
 @dataclass(frozen=True)
 class VideoInfo(TimedPictures):
-    """Properties of a video, of a recording in chapters, or of an image folder. It has F images."""
+    """Properties of a video, of a recording in chapters, or of an image folder, each with F images."""
 
     path: Path  # The file, the first of several chapters, or the folder of images.
     size: tuple[int, int]  # Width and height in pixels after rotation, as displayed.
