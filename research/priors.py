@@ -149,7 +149,7 @@ GMM_DIM = 3 * NUM_BODY_JOINTS  # Length of a pose as rotation vectors.
 
 
 class GaussianMixture(PosePrior):
-    """A mixture of K Gaussians over the rotation vectors of the 21 body joints, which are also the code.
+    """A mixture of K Gaussians over the rotation vectors of 21 body joints, which are the code.
 
     Reference: Bogo et al. 2016, "Keep It SMPL", eq. 4, but with the whole mixture instead of its largest component.
     """

@@ -46,7 +46,7 @@ def lint_steps(fix: bool) -> list[list[str]]:
 
 
 def run_beside(linters: list[list[str]], tests: list[list[str]]) -> list[str]:
-    """Run the linters in parallel with the tests, and print their output afterwards. Return the failed steps."""
+    """Run the linters beside the tests, print their output afterwards, and return failed steps."""
     failed: list[str] = []
     with tempfile.TemporaryFile("w+", encoding="utf-8") as shown:
         # A daemon, so that cancelled tests do not wait for the linters.

@@ -53,7 +53,7 @@ def fetch(
 
 
 def read_models(wheel: Path) -> dict[str, bytes]:
-    """Return the models and the licence in MediaPipe's wheel, by the file names that the detector expects."""
+    """Return the models and licence in MediaPipe's wheel, by the detector's file names."""
     with zipfile.ZipFile(wheel) as archive:
         return {name: archive.read(member) for name, member in TABLE["models"]["files"].items()}
 

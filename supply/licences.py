@@ -55,7 +55,7 @@ def licence_table() -> str:
 
 
 def licence_of(package: Distribution) -> str:
-    """Return a package's licence from its SPDX expression, classifiers, or first line of its licence text."""
+    """Return a package's licence from its SPDX expression, classifiers, or licence text."""
     metadata = cast(Message, package.metadata)
     stated = metadata.get("License-Expression")
     classifiers = [c.split(" :: ")[-1] for c in metadata.get_all("Classifier") or () if c[:7] == "License"]

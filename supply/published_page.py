@@ -256,7 +256,7 @@ def _cells(runs: Mapping[str, Any], names: Sequence[str], column: str) -> list[s
 
 
 def network_table(baseline: Mapping[str, Any]) -> list[str]:
-    """Return a table of absolute errors of landmark networks: rows of chapter 4, and the included network."""
+    """Return absolute errors of landmark networks: rows of chapter 4, and the included network."""
     lines = ["## Landmark networks in absolute figures", "", _NETWORKS, ""]
     lines += ["| network | clouds, poses | RMSE mm | MPJPE mm | PCK1 % | PCK3 % | PCK7 % |", "|---" * 7 + "|"]
     for bench, name, prefix, clouds in NETWORKS:
@@ -270,7 +270,7 @@ def network_table(baseline: Mapping[str, Any]) -> list[str]:
 
 
 def column_tables(data: Mapping[str, Any], baseline: Mapping[str, Any]) -> list[str]:
-    """Return tables of thesis tables 4.1 to 4.3 relative to the base, with our and the published ratios.
+    """Return thesis tables 4.1 to 4.3 relative to the base, with our and the published ratios.
 
     Args:
         data: published figures of the base by set of poses, and of the rows with their benchmark and the prefixes of

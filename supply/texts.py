@@ -26,7 +26,7 @@ _JSON_TEXT = re.compile(r'[:,] "((?:[^"\\]|\\.)*)"')  # String value in a line o
 
 @cache
 def shown_strings(path: Path) -> tuple[tuple[int, str], ...]:
-    """Return line and text of a file's strings with a space, except docstrings. ``{…}`` replaces values."""
+    """Return line and text of strings with a space, except docstrings. ``{…}`` replaces values."""
     nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     statements = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
     whole = [node for node in nodes if isinstance(node, ast.JoinedStr)]

@@ -22,7 +22,7 @@ _START = "start and shape from triangulated points in place of HMR"
 
 @dataclass(frozen=True)
 class MuVS(BodyBaseline):
-    """Fits each frame separately with a robust data term and VPoser's density, in three narrowing stages."""
+    """Fits each frame separately with a robust data term and VPoser's density, in three stages."""
 
     latent_weight: float = 3.0  # Weight of ``|z|²/2`` in the last stage, chosen by ``tune_baselines``.
     iterations: int = 10  # Largest number of linearisations per stage.

@@ -33,7 +33,7 @@ def fill_rigidly(measured: np.ndarray) -> np.ndarray:
 
 
 def _distance_spread(measured: np.ndarray) -> np.ndarray:
-    """Return the (M, M) standard deviations of marker distances, infinite on the diagonal and where unknown."""
+    """Return the (M, M) deviations of marker distances, infinite on the diagonal and where unknown."""
     count = measured.shape[1]
     spread = np.full((count, count), np.inf)
     for m in range(count):

@@ -18,7 +18,7 @@ from solver_backend.solver.manifolds import SO3, Euclidean, Product
 
 GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))  # Space of a window's free keys when codes are Gaussian.
 Root = Literal["sider", "slerp", "se3"]
-"""Separate curves for rotation and translation as in SIDER-n or SLERP, or one curve for both on SE(3)."""
+"""Separate curves of rotation and translation (SIDER-n or SLERP), or one curve on SE(3)."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ WALK_M_S = 1.4  # Walking speed of a passer-by.
 
 
 def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) -> Capture:
-    """Rotate a camera from a frame on, as if it was bumped after calibration. Only its detections change."""
+    """Rotate a camera from a frame on, as if it was bumped. Only its detections change."""
     cameras, keypoints = capture.require_multiview()
     turn = exp_so3(np.radians(degrees) * np.array([0.6, 0.8, 0.0]))
     one = cameras.subset([view])
@@ -84,7 +84,7 @@ def sides_exchanged(capture: Capture, view: int) -> Capture:
 
 
 def away(capture: Capture, first: int, seconds: float = 3.0) -> Capture:
-    """Let the person leave the capture volume and return. The views lose and find the person one by one."""
+    """Let the person leave the capture volume and return, visible in fewer views on the way."""
     _, keypoints = capture.require_multiview()
     last = min(first + round(seconds * keypoints.fps), keypoints.num_frames)
     edge = max(1, round(0.1 * keypoints.fps))
@@ -139,7 +139,7 @@ def with_passerby(
 
 
 def _across(person: Person, pelvis: np.ndarray, clearance_m: float, fps: float) -> tuple[Person, np.ndarray]:
-    """Let a person walk past ``pelvis`` (F, 3). Return the person, and the distances (F,) from there in metres."""
+    """Let a person walk past ``pelvis`` (F, 3). Return the person and the distances (F,) in metres."""
     frames = np.arange(len(pelvis))
     way = WALK_M_S * (frames - len(pelvis) // 2) / fps
     cycle = frames % len(person.transl)

@@ -35,7 +35,7 @@ class DataNoise:
         return noisy
 
     def cloud(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Corrupt points, and return them with the ghosts as separate points (F, n + ghosts, 3) without labels."""
+        """Corrupt points, and add the ghosts as unlabelled points: (F, n + ghosts, 3)."""
         noisy, ghosts, _ = self._spoiled(points, rng)
         return np.concatenate([noisy, ghosts], axis=1)
 

@@ -27,7 +27,7 @@ LONGEST_LAG_S = 1.0  # Largest lag of a measured correlation in seconds.
 
 @dataclass(frozen=True)
 class NoiseFigures:
-    """Measured errors of a detector for K keypoints, pooled over views and frames unless stated otherwise."""
+    """Measured detector errors of K keypoints, pooled over views and frames unless stated otherwise."""
 
     keypoints: tuple[str, ...]  # Names of the K keypoints.
     as_calibrated_mm: np.ndarray  # (K,) ``bias_mm`` with the cameras as calibrated, before they are refined.
@@ -111,7 +111,7 @@ def measure_noise(capture: Capture) -> NoiseFigures:
 
 
 def _errors(cameras: Cameras, keypoints: Keypoints2D) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return reference points (F, K, 3), their pixels, and detection errors (C, F, K, 2) in millimetres."""
+    """Return reference points (F, K, 3), their pixels, and errors (C, F, K, 2) in millimetres."""
     points = triangulate_and_filter(cameras, keypoints, REFERENCE_CUTOFF_HZ)
     px = project(cameras, points)
     return points, px, (keypoints.xy - px) * millimetres_per_px(cameras, points)[..., None]
@@ -154,7 +154,7 @@ def _correlation(values: np.ndarray, lag: int) -> float:
 
 
 def _delays(jitter: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Fit the camera delays d (C,) in frames by least squares: ``error = -d · velocity`` in millimetres."""
+    """Fit the camera delays d (C,) in frames by least squares: ``error = -d · velocity``."""
     velocity = np.gradient(place, axis=1)
     product = np.nansum(jitter * velocity, axis=(1, 2, 3))
     power = np.nansum(np.where(np.isfinite(jitter), velocity, 0.0) ** 2, axis=(1, 2, 3))

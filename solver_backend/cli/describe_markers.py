@@ -24,7 +24,7 @@ MOST_LISTED = 8  # Maximum number of markers listed in a line. Chosen by hand.
 
 
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
-    """Describe a marker recording's subjects, labels, gaps and faults, as lines of text and JSON values."""
+    """Describe a marker recording's subjects, labels, gaps and faults, as text and JSON values."""
     labels = cloud.labels or ()
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands], places_by_side(cloud))

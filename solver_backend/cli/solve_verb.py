@@ -235,7 +235,7 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
 
 
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
-    """Solve jobs in sequence, including all people if requested. A failure does not stop the other jobs.
+    """Solve jobs one by one, with all people if requested. A failure does not stop the others.
 
     The result contains ``takes``, each as reported by ``solve``, and ``failed``, with the capture, the person and the
     error's fields. If all jobs fail, the first error is raised.

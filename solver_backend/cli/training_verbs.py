@@ -45,7 +45,7 @@ def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
 
 
 def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) -> Outcome:
-    """Report the path and figures of trained weights, and the held-out subjects that the recordings lack."""
+    """Report the path and figures of trained weights, and missing held-out subjects."""
     if finished.absent:
         lines = [f"  held-out subjects not among the recordings: {', '.join(finished.absent)}", *lines]
     data = {"weights": str(finished.weights), "absent_subjects": list(finished.absent), **figures}

@@ -52,7 +52,7 @@ class Cancellation:
 
 @contextmanager
 def signals_handled(handler: Any) -> Iterator[None]:
-    """Use a function as handler of cancellation signals during a ``with`` block, in the main thread only."""
+    """Handle cancellation signals with a function during a ``with`` block, in the main thread only."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -333,7 +333,7 @@ def _unite(runs: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def check_accepted(codes: Iterable[str]) -> None:
-    """Raise ``JobInvalid`` with the valid codes unless every code denotes an error that can refuse a result."""
+    """Raise ``JobInvalid`` unless every code denotes an error that can refuse a result."""
     if unknown := [code for code in codes if code not in list_refusals()]:
         hint = f"Known codes: {', '.join(list_refusals())}."
         raise JobInvalid(f"There is no error to accept with the code {', '.join(unknown)}.", where="accept", hint=hint)

@@ -104,7 +104,7 @@ def within_reach(
 
 
 def _on_circle(a: np.ndarray, r: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) points on both spheres, with centres a, b and radii r, q, nearest to the origin.
+    """Return the (F, 3) points nearest to the origin on two spheres (centres a, b, radii r, q).
 
     If the spheres do not touch, points in the gap between them are returned.
     """

@@ -263,7 +263,7 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
 
 
 def _unfinished(beginning: str, path: Path, number: int) -> str:
-    """Return a temporary name for a file, with its suffix. If the name is too long, a number replaces it."""
+    """Return a temporary name with the file's suffix. A number replaces a name that is too long."""
     name = beginning + path.name
     return name if len(os.fsencode(name)) <= _LONGEST_NAME else f"{beginning}{number}{path.suffix}"
 

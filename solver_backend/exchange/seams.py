@@ -402,7 +402,7 @@ def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _arc(angle: float | np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) mean rotation from 0 to an angle about Z, which is the left Jacobian of SE(2)."""
+    """Return the (..., 3, 3) mean rotation from 0 to an angle about Z (left Jacobian of SE(2))."""
     half = np.asarray(angle) / 2.0
     return np.sinc(half / np.pi)[..., None, None] * matrix_from_rotvec(half[..., None] * [0.0, 0.0, 1.0])
 
@@ -533,7 +533,7 @@ def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
 
 
 def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
-    """Transfer a motion to another motion's bones, with the pelvis height scaled to keep feet on the ground."""
+    """Transfer a motion to another motion's bones. The scaled pelvis height keeps feet on the ground."""
     rest, ratio = rest_joints(other), _legs(other) / _legs(motion)
     if np.allclose(rest - rest[0], rest_joints(motion) - rest_joints(motion)[0], atol=1e-5):
         return motion

@@ -13,7 +13,7 @@ _HALF_S = 0.03  # Seconds before and after a frame used to measure speed.
 
 
 def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the displacement (F, K, 3) of K points around each frame in metres, and its duration (F, 1) in seconds."""
+    """Return the displacements (F, K, 3) around each frame in metres, and durations (F, 1) in seconds."""
     half, index = max(1, round(_HALF_S * fps)), np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
     # A single frame has no displacement, so any duration is valid.
@@ -36,7 +36,7 @@ def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tup
 
 
 def standing_runs(still: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Find when a point is still, as ranges (first frame, frame after the last). Join them across short breaks."""
+    """Find when a point is still, as ranges (first, last + 1) joined across short breaks."""
     shortest = max(2, round(SHORTEST_S * fps))
     return [(first, stop) for first, stop in _joined(_runs(still), round(BREAK_S * fps)) if stop - first >= shortest]
 

@@ -25,7 +25,7 @@ def elbow_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
 
 
 def hip_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
-    """Return the (F,) angle between thigh and trunk in the sagittal plane in degrees, positive forwards."""
+    """Return the (F,) sagittal angle between thigh and trunk in degrees, positive forwards."""
     thigh = _between(joints, f"{side}_hip", f"{side}_knee")
     down = _unit_vectors(_between(joints, "neck", "pelvis"))
     forward = _unit_vectors(np.cross(down, _between(joints, "right_hip", "left_hip")))
@@ -33,7 +33,7 @@ def hip_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
 
 
 def shoulder_elevation_deg(joints: np.ndarray, side: str) -> np.ndarray:
-    """Return the (F,) angle between upper arm and trunk in degrees: 0 hanging, 90 horizontal, 180 overhead."""
+    """Return the (F,) angle between upper arm and trunk in degrees: 0 hanging, 180 overhead."""
     return _angle_deg(_between(joints, f"{side}_shoulder", f"{side}_elbow"), _between(joints, "neck", "pelvis"))
 
 

@@ -164,7 +164,7 @@ def rest_pose_section(motion: Motion) -> str:
 
 
 def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
-    """Return the (M, 3) marker positions on the rest pose in metres, given (M, 3) offsets from the layout."""
+    """Return (M, 3) marker positions on the rest pose in metres, with (M, 3) layout offsets."""
     assert motion.layout is not None
     still = np.broadcast_to(np.eye(3), (1, NUM_BODY_JOINTS, 3, 3))
     landmarks = marker_landmarks(body, motion.layout)

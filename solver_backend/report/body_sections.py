@@ -242,7 +242,7 @@ def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.
 
 
 def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
-    """Return (5, 4, 3) finger chains from the wrist in metres: along the palm, across it, and out of its back."""
+    """Return (5, 4, 3) finger chains in metres: along the palm, across it, and out of its back."""
     chains = np.concatenate([np.broadcast_to(wrist, (5, 1, 3)), joints], axis=1) - wrist
     along = _unit(chains[2, 1])
     back = np.cross(chains[4, 1], chains[1, 1]) * (1.0 if side else -1.0)

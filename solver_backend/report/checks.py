@@ -168,7 +168,7 @@ def hips_never_move(capture: Capture, motion: Motion) -> bool:
 
 
 def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnostic]:
-    """Yield diagnostics about markers that are always or sometimes far from their positions on the body.
+    """Yield diagnostics about markers that are far from their positions on the body.
 
     Args:
         usual: median residual of the take in millimetres.
@@ -270,7 +270,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
 
 
 def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
-    """Return the body's projected keypoints (C, F, K, 2), or the detections if the motion has no keypoints."""
+    """Project the body's keypoints (C, F, K, 2), or return the detections if it has none."""
     assert capture.cameras is not None and capture.keypoints is not None
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
@@ -285,7 +285,7 @@ def _middles(px: np.ndarray) -> np.ndarray:
 
 
 def _extents(px: np.ndarray) -> np.ndarray:
-    """Return the (C, F) diagonals of the boxes around (C, F, K, 2) pixels, NaN if too few points are known."""
+    """Return the (C, F) diagonals of the boxes around (C, F, K, 2) pixels, NaN with too few points."""
     known = np.isfinite(px)
     size = np.where(known, px, -np.inf).max(-2) - np.where(known, px, np.inf).min(-2)
     return np.where(known.all(-1).sum(-1) >= MIN_POINTS, np.hypot(size[..., 0], size[..., 1]), np.nan)

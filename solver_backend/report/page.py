@@ -88,7 +88,7 @@ def page_of(title: str, subtitle: str, body: str) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """Return a Content Security Policy that allows only the page's own style and script, and no requests.
+    """Return a Content Security Policy with only the page's style and script, and no requests.
 
     Inline ``style`` attributes store the tints of table cells, which a hash cannot allow.
     """

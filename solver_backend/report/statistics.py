@@ -90,7 +90,7 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
 
 
 def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
-    """Return the percentage of true elements in ``of`` that are also true in ``yes``, NaN if there are none."""
+    """Return the percentage of the true elements of ``of`` that are true in ``yes``, NaN for none."""
     total = np.asarray(of.sum(axis=axis))
     return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
 

@@ -43,7 +43,7 @@ class CameraFaults:
 
 @dataclass(frozen=True)
 class MarkerFaults:
-    """Deviations of a recording from ideal markers, which have nominal positions and move rigidly with the bones."""
+    """Faults of recorded markers. Ideal ones are in nominal positions and move with the bones."""
 
     measurement_mm: float = 0.0  # Standard deviation of the measurement per axis.
     placement_mm: float = 0.0  # Standard deviation per axis of a marker's placement on the body.
@@ -100,7 +100,7 @@ def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Ge
 
 
 def bursts(draws: np.ndarray, share: float, length: float) -> np.ndarray:
-    """Convert uniform draws to a mask with runs of mean ``length`` frames that cover a fraction ``share``.
+    """Convert uniform draws to a mask of runs with mean ``length`` and total fraction ``share``.
 
     The mask is a Markov chain along the frames. ``draws`` (C, F, ...) are uniform in 0..1.
     """

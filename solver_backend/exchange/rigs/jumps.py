@@ -47,12 +47,12 @@ def bridge_jumps(
 
 
 def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
-    """Return the largest step within the given runs of frames, including the steps into and out of them."""
+    """Return the largest step within runs of frames, including the steps into and out of them."""
     return float(max(steps[max(first - 1, 0) : last + 1].max() for first, last in runs))
 
 
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
-    """Return a mask of the pieces that continue the longest one, either directly or after a jump and return.
+    """Mask the pieces that continue the longest one, directly or after a jump and return.
 
     The first and last piece are always kept. Runs of pieces that are longer than a jump are also kept, because the
     figure may be moving fast.

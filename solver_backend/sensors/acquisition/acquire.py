@@ -253,7 +253,7 @@ def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray
 
 
 def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Split a blob into parts with at most ``limit`` px² variance. Return centres, and each pixel's part."""
+    """Split a blob into parts of at most ``limit`` px² variance: centres, and each pixel's part."""
     xy = _xy(blob.pixel, blob.width)
     number = min(max(fits, 2), SETTINGS.most_in_blob)
     while True:

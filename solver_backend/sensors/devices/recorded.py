@@ -292,7 +292,7 @@ class ReplayedSensor(Device):
 
     @abstractmethod
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return the infrared and depth images of a frame. Raise ``SensorFailed`` if one is missing or damaged."""
+        """Return a frame's images. Raise ``SensorFailed`` if one is missing or damaged."""
 
     def count(self) -> int:
         """Return the number of complete frames."""

@@ -92,7 +92,7 @@ def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray,
 
 
 Rays = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Origin (3,), unit directions (R, 3) and standard deviations (R,) in radians of the rays from one sensor."""
+"""Rays of a sensor: origin (3,), unit directions (R, 3), standard deviations (R,) in radians."""
 
 
 def met_rays(rays: list[Rays]) -> tuple[np.ndarray, np.ndarray]:
@@ -154,7 +154,7 @@ class FusedPoints:
 
 
 def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoints:
-    """Fuse the markers of one moment, either by their covariances ("test") or within ``radius_m`` ("radius")."""
+    """Fuse the markers of a moment by covariances ("test") or within ``radius_m`` ("radius")."""
     time = float(np.mean([s.time for s in sightings])) if sightings else 0.0
     if clusters == "radius":
         return _within_radius(time, sightings)

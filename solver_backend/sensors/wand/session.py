@@ -76,7 +76,7 @@ def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.n
 
 
 def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
-    """Refine cameras and wand poses by bundle adjustment. Return the result and the frames that were used.
+    """Refine cameras and wand poses by bundle adjustment. Return the result and the used frames.
 
     The world has the first sensor's axes. A single marker does not determine the scale (see ``depth_scale``).
 
@@ -181,7 +181,7 @@ def _poses_by_lights(
 
 
 def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Raise WandInvalid if the middle light divides the (3,) measured distances differently, by over 10 %."""
+    """Raise WandInvalid if the middle light divides the (3,) distances over 10 % differently."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         message = f"The middle light divides the wand at {share:.3f}, but the lengths give {wand.short_share:.3f}."
@@ -204,7 +204,7 @@ ROUNDS = 20  # Number of reweighting iterations. Chosen by hand.
 
 
 def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
-    """Return the scale ``s`` of a reconstruction that solves ``min Σ ρ((d - s z) / σ(d))`` for depths d.
+    """Find the scale ``s`` of a reconstruction: ``min Σ ρ((d - s z) / σ(d))`` for depths d.
 
     Also return its standard deviation, and the scatter of the depths in metres. ``at`` (M, 3) are marker positions in
     the unscaled world. ``depth_m`` (C, M) are the measured depths along the axes.
@@ -242,7 +242,7 @@ def require_fit(found: Adjusted) -> None:
 
 
 def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[CalibratedCameras, float]:
-    """Return the calibration in metres with standard deviations, and the scatter of the measured depths."""
+    """Return the calibration in metres with standard deviations, and the scatter of depths."""
     array = result_of("wand", found)
     if options.wand is not None:
         return array, float("nan")

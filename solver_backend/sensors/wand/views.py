@@ -95,7 +95,7 @@ class Moments:
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Remove rows that go back in time. Raise ``TimesInvalid`` if there are too many, or times span too long."""
+    """Remove rows that go back in time. Raise ``TimesInvalid`` for too many, or too long a span."""
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
     good = np.isfinite(times) & (times > before)
@@ -255,7 +255,7 @@ def values_and_velocities(
 
 
 def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray:
-    """Return (F, ...) central differences. They are NaN at the ends, in gaps and next to missing frames."""
+    """Return (F, ...) central differences, NaN at the ends, in gaps and next to missing frames."""
     slope = np.full(values.shape, np.nan)
     if len(values) < 3:
         return slope

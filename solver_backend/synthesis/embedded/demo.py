@@ -122,7 +122,7 @@ PX_PER_MM = 0.32  # Pixels per millimetre at 4.2 m from the demo's cameras, for 
 def detect(
     px: np.ndarray, image_size: np.ndarray, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate a detector. Return noisy (C, F, K, 2) pixels, NaN where missing, and (C, F, K) confidences.
+    """Simulate detections: noisy (C, F, K, 2) pixels, NaN where missing, and (C, F, K) confidences.
 
     ``px`` (C, F, K, 2) are the true pixels, NaN behind the camera. ``image_size`` (C, 2) is width and height.
     """

@@ -65,7 +65,7 @@ def detect_keypoints(
 
 
 def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.Generator) -> np.ndarray:
-    """Return a random (C, F, K, 2) bias with unit variance that varies smoothly with the viewing direction."""
+    """Draw a (C, F, K, 2) bias of unit variance that varies smoothly with the viewing direction."""
     waves = rng.normal(size=(5, num_keypoints, 2)) * _HARMONICS[:, None, None]
     one, double = seen_from, 2 * seen_from
     basis = np.stack([np.ones_like(one), np.cos(one), np.sin(one), np.cos(double), np.sin(double)], axis=-1)
@@ -82,7 +82,7 @@ def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Ge
 def _confidence(
     error_mm: np.ndarray, outlier: np.ndarray, occluded: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return confidences that partly reflect the error. Their measured rank correlation with it is -0.29."""
+    """Return confidences that partly reflect the error, with a rank correlation of -0.29."""
     inlier = 0.68 - 0.0022 * error_mm - 0.15 * occluded + 0.09 * rng.normal(size=error_mm.shape)
     return np.clip(np.where(outlier, rng.uniform(0.1, 0.55, error_mm.shape), inlier), 0.05, 1.0)
 
@@ -117,7 +117,7 @@ def direction_seen_from(cameras: Cameras, orient: np.ndarray, pelvis: np.ndarray
 
 
 def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np.random.Generator) -> Cameras:
-    """Rotate each camera slightly, so that a point at ``centre`` appears shifted by ``error_mm`` per axis.
+    """Rotate each camera so that a point at ``centre`` appears shifted by ``error_mm`` per axis.
 
     The common shift of all cameras is removed, because it would only move the world.
     """

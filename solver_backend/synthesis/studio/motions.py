@@ -31,7 +31,7 @@ class MotionSource:
     path: Path | None  # The file, or None for the choreography.
 
     def play(self, body: Body, betas: np.ndarray, fps: float, frames: int) -> Person:
-        """Create a person with betas (10,) who performs the first ``frames`` frames of the motion at ``fps``.
+        """Create a person with betas (10,) in the first ``frames`` frames of the motion at ``fps``.
 
         Raises:
             MocapError: the file cannot be read.
@@ -46,7 +46,7 @@ class MotionSource:
 
 
 def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource, ...]:
-    """Find the motions that names denote: files, folders, or ``choreography``. Repeated names are numbered.
+    """Find motions by file, folder or ``choreography``. Repeated names are numbered.
 
     Raises:
         FileMissing: a path does not exist, or a folder contains no motion.

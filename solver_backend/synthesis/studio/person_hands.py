@@ -148,7 +148,7 @@ def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray)
 
 
 def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return a (C, F, 2, 21) mask of the hand points that the body occludes, not counting the hand itself."""
+    """Return a (C, F, 2, 21) mask of the hand points that other body parts occlude."""
     frames, _, count = points.shape[:3]
     sight = BodySight(person.body, person.betas, keypoint_landmarks(person.body, JointSet.COCO_17))
     joints, bone = person.body.layout.joints, sight.proxy.bone
@@ -208,7 +208,7 @@ def points_of_hands(person: Person, skeletons: tuple[HandSkeleton, HandSkeleton]
 
 
 def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -> np.ndarray:
-    """Draw random (F, A) finger angles: sums of slow waves with the prior's covariance, within its ranges."""
+    """Draw random (F, A) finger angles: slow waves with the prior's covariance, within its ranges."""
     rate = rng.uniform(SLOWEST_HZ, FASTEST_HZ, (1, NUM_ANGLES, _WAVES))
     phase = rng.uniform(0.0, 1.0, rate.shape)
     waves = np.sin(2 * np.pi * (np.arange(frames)[:, None, None] / fps * rate + phase)).sum(-1) / np.sqrt(_WAVES / 2)

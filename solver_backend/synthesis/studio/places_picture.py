@@ -117,7 +117,7 @@ def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[np.ndarray]:
-    """Choose a box (4,) for each name near its marker, away from other names, and preferably off the body."""
+    """Choose a box (4,) for each name near its marker, away from names and preferably the body."""
     choices = [name.boxes() for name in names]
     own = [_cost(boxes, markers, paper) for boxes in choices]
     at = [int(cost.argmin()) for cost in own]

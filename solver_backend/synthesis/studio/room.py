@@ -54,7 +54,7 @@ class Room:
         return hidden
 
     def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (h, w) depth in metres of floor and walls along a camera's axis, inf if none, and normals.
+        """Return the (h, w) depth of floor and walls in metres, inf if none, and normals.
 
         The rays (h, w, 3) start at the camera's (3,) centre and have length 1 along its axis. A ray that starts inside
         a box leaves it through the nearest plane in its direction.

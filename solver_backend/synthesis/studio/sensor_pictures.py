@@ -104,7 +104,7 @@ class InfraredModel:
 
 
 def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel) -> np.ndarray:
-    """Return the (h, w) float32 counts of light that retro-reflective markers reflect, before saturation."""
+    """Return the (h, w) float32 counts from retro-reflective markers, before saturation."""
     height, width = shape
     light = np.zeros(height * width, np.float32)
     if not len(spheres.pixel):
@@ -124,7 +124,7 @@ def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel)
 
 
 def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random.Generator) -> np.ndarray:
-    """Simulate the (h, w) uint16 infrared image of surfaces and markers. ``retro`` is from ``sphere_light``."""
+    """Simulate the (h, w) uint16 infrared image, with ``retro`` light from ``sphere_light``."""
     assert len(_ALBEDO) == len(LABELS)
     surface = np.float32(model.flood) * _ALBEDO[seen.label] * np.maximum(seen.cosine, np.float32(0.05)) / seen.depth**2
     counts = np.minimum(surface + retro, np.float32(2 * FULL))

@@ -125,7 +125,7 @@ def _look(
 
 
 def places_text(places: Sequence[PlaceErrors]) -> str:
-    """Return the error maps as JSON for other programs. Positions without triangulated keypoints are null."""
+    """Return the error maps as JSON, with null at positions without triangulated keypoints."""
     maps = []
     for p in places:
         values = {"camera_array": p.array, "x_m": p.x_m.tolist(), "y_m": p.y_m.tolist(), "cameras": p.cameras.tolist()}
