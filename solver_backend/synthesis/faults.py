@@ -88,7 +88,7 @@ DEMO_DETECTOR = DetectorFaults(  # For the demo: 5 px at 1920 px width, correlat
     drift_mm=15.625, drift_s=0.07469033529540918, missing=0.08, burst_s=8 / 60, outliers=0.03, outlier_mm=250.0
 )
 OPTICAL_MARKERS = MarkerFaults(measurement_mm=0.3, placement_mm=8.0, skin_mm=1.5, hidden=0.03)
-"""Chosen for the embedded marker recording."""
+"""Errors of optical markers, chosen for the embedded recording."""
 
 
 def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
