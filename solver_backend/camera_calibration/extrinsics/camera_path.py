@@ -17,7 +17,7 @@ from solver_backend.camera_calibration.extrinsics.two_views import (
 )
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.geometry.rotations import exp_so3, skew
+from solver_backend.geometry.rotations import exp_so3, log_so3, skew
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
@@ -37,6 +37,7 @@ EXPLAINED = 0.7
 """Smallest fraction of all tracked positions that a path must explain. In simulations, a true path explains 0.89 if one
 of twenty tracks drifts. A path whose error is 15 % because the camera zooms explains 0.56."""
 AGREEING = 0.7  # Fraction of the keyframes showing a point that must agree on it.
+LOCATED = 0.1  # Largest relative deviation of a point's distance at which the point determines positions. By hand.
 BLOCK = 32  # Number of frames posed together.
 _STEPS = 12  # Number of steps used to estimate a pose. Chosen by hand.
 
@@ -107,7 +108,7 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
         table = x.table([keys[n] for n in (key, *sorted(nearest))])
         table = table[:, np.isfinite(table[0]).all(-1)]
         known = {near: poses[near] for near in nearest}
-        X = _points(known, table[1:], noise, turned)
+        X, _ = _points(known, table[1:], noise, turned)
         if np.isfinite(X).all(-1).sum() < FEWEST:
             X = _far_points(known, nearest[0], table[1:], noise)
             turned.add(key)
@@ -126,7 +127,7 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
         poses |= _adjusted(camera, poses, sorted(poses.keys() - turned), keys, tracks, noise)
     at = np.array(keys)
     nearest = np.searchsorted((at[1:] + at[:-1]) / 2.0, np.arange(count))
-    R, t = (np.stack([poses[int(key)][part] for key in nearest]) for part in (0, 1))
+    R, t = _between(*_stacked(poses), at)
     still = np.isin(nearest, sorted(turned))
     seen, tracked, offs, depths = np.zeros(count, dtype=int), 0, list[np.ndarray](), list[np.ndarray]()
     for first in range(0, count, BLOCK):  # load only the points of these frames, to limit memory
@@ -136,14 +137,16 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
         table = table[:, np.isfinite(table[: len(part)]).all(-1).any(axis=0)]
         shown, in_keys = table[: len(part)], table[len(part) :]
         known = {key: poses[key] for key in reach}
-        X = _points(known, in_keys, noise, turned)
+        X, along = _points(known, in_keys, noise, turned)
         depths.append(X[np.isfinite(X).all(-1), 2])
-        for key in sorted({-1, *nearest[part[still[part]]].tolist()}):  # -1 stands for frames in which points are known
-            chosen = nearest[part] == key if key >= 0 else ~still[part]
+        turns = still[part] | ((np.isfinite(shown) & np.isfinite(X[:, :2])).all(-1).sum(axis=1) < FEWEST)
+        for key in sorted({-1, *nearest[part[turns]].tolist()}):  # -1 stands for frames in which points are known
+            chosen = turns & (nearest[part] == key) if key >= 0 else ~turns
             rows, points = part[chosen], X if key < 0 else _far_points(known, key, in_keys, noise)
             R[rows], t[rows], off = _posed(R[rows], t[rows], points, shown[chosen], noise)
-            seen[rows] = (np.nan_to_num(off, nan=np.inf) < OUTLIER * noise).sum(axis=1)
             offs.append(off[np.isfinite(off)])
+            off = np.fmin(off, _off(R[rows], t[rows], along, shown[chosen]))
+            seen[rows] = (np.nan_to_num(off, nan=np.inf) < OUTLIER * noise).sum(axis=1)
         tracked += int((np.isfinite(shown).all(-1) & (np.isfinite(in_keys).all(-1).sum(axis=0) >= 2)).sum())
     errors = np.concatenate(offs)
     error = float(np.median(errors)) if len(errors) else np.inf
@@ -200,16 +203,31 @@ def _is_flat(depth: np.ndarray) -> bool:
 Poses = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
-def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()) -> np.ndarray:
-    """Return the (P, 3) points on which the posed keyframes, except those in ``but``, agree. NaN elsewhere."""
+def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Return (P, 3) points on which the posed keyframes, except those in ``but``, agree, NaN elsewhere.
+
+    The first array has the points whose distance is known. The second has the others on their rays, at the median
+    distance. If a camera stands, the rays to a point meet anywhere. These points must not determine positions.
+    """
     x = x[[row for row, key in enumerate(sorted(poses)) if key not in but]]
     if len(x) < 2:
-        return np.full((x.shape[1], 3), np.nan)
+        return np.full((x.shape[1], 3), np.nan), np.full((x.shape[1], 3), np.nan)
     R, t = _stacked({key: pose for key, pose in poses.items() if key not in but})
-    X = intersected(R, t, x)
     seen = np.isfinite(x).all(-1)
-    good = (_off(R, t, X, x) < OUTLIER * noise).sum(axis=0) >= np.maximum(2, AGREEING * seen.sum(axis=0))
-    return np.where(good[:, None], X, np.nan)
+    enough = np.maximum(2, AGREEING * seen.sum(axis=0))
+
+    def agreed(X: np.ndarray) -> np.ndarray:
+        good = (_off(R, t, X, x) < OUTLIER * noise).sum(axis=0) >= enough
+        return np.where(good[:, None], X, np.nan)
+
+    rays = np.where(seen[..., None], unit(homogeneous(np.nan_to_num(x))), 0.0) @ R
+    mean = unit(rays.sum(axis=0))
+    parallax = (seen - np.einsum("npa,pa->np", rays, mean) ** 2).sum(axis=0)  # Σ sin² of the angles to the mean ray
+    near = agreed(np.where((LOCATED**2 * parallax > noise**2)[:, None], intersected(R, t, x), np.nan))
+    centre = np.einsum("np,na->pa", seen, -np.einsum("nba,nb->na", R, t)) / np.maximum(seen.sum(axis=0), 1)[:, None]
+    known = np.isfinite(near).all(-1)
+    far = float(np.median(np.linalg.norm(near - centre, axis=1)[known])) if known.any() else 1.0
+    return near, agreed(np.where(known[:, None], np.nan, centre + far * mean))
 
 
 def _far_points(poses: Poses, key: int, x: np.ndarray, noise: float) -> np.ndarray:
@@ -230,6 +248,16 @@ def _stacked(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
     """Return the rotations (n, 3, 3) and translations (n, 3) of the keyframes in increasing order."""
     R, t = (np.stack([poses[key][part] for key in sorted(poses)]) for part in (0, 1))
     return R, t
+
+
+def _between(R: np.ndarray, t: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses of all frames up to the last, interpolated between those of the keyframes ``at`` (n,)."""
+    frames = np.arange(at[-1] + 1)
+    key = np.clip(np.searchsorted(at, frames, side="right") - 1, 0, len(at) - 2)
+    share = ((frames - at[key]) / np.diff(at)[key])[:, None]
+    centre = -np.einsum("nba,nb->na", R, t)
+    turned = exp_so3(share * log_so3(R[1:] @ np.swapaxes(R[:-1], -1, -2))[key]) @ R[key]
+    return turned, -np.einsum("fab,fb->fa", turned, (1.0 - share) * centre[key] + share * centre[key + 1])
 
 
 def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -276,7 +304,7 @@ def _adjusted(camera: Cameras, poses: Poses, window: list[int], keys: list[int],
     sigma_px = noise * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))
     xy = tracks.table([keys[key] for key in window])
     x = np.asarray(undistort(cameras, xy))
-    kept = np.isfinite(_points(dict(enumerate(zip(R, t, strict=True))), x, noise)).all(-1)
+    kept = np.isfinite(_points(dict(enumerate(zip(R, t, strict=True))), x, noise)[0]).all(-1)
     px = np.where(kept[:, None], xy, np.nan)
     bodies, seen, _ = point_bodies(cameras, px, np.full(px.shape[:2], sigma_px))
     fixed = 1 if len(window) == len(poses) else 2

@@ -142,6 +142,31 @@ def test_a_path_starts_after_a_long_stand_and_pan() -> None:
     assert np.degrees(np.linalg.norm(off, axis=1)).max() < 1.0
 
 
+def with_a_stop(style: str, seed: int, moving: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return camera poses of 60 frames in motion and a stop of some frames before those from ``moving`` on."""
+    R, t = camera_way(pelvis(moving + 60), FPS, style, seed)
+    number = np.concatenate([np.arange(60), np.full(frames, 59), np.arange(60, moving + 60)])
+    return R[number], t[number]
+
+
+@pytest.mark.parametrize(("style", "seed"), [("hand-held", 3), pytest.param("orbit", 7, marks=pytest.mark.slow)])
+def test_a_camera_that_stops_after_its_walk_keeps_its_path(style: str, seed: int) -> None:
+    """Rays to a point that is tracked only while the camera stands meet anywhere."""
+    R, t = with_a_stop(style, seed, 0, 40)
+    found = estimate_path(camera(), Tracks.of(tracks(R, t)))
+    assert found is not None
+    centre, true = (-np.einsum("fba,fb->fa", *poses) for poses in ((found.R, found.t), (R, t)))
+    s, Q, q = umeyama(centre, true, with_scale=True)
+    assert np.linalg.norm(s * centre @ Q.T + q - true, axis=1).max() < 0.03
+
+
+@pytest.mark.slow
+def test_a_stop_without_common_points_shows_no_path() -> None:
+    """Nothing transfers the scale across it."""
+    R, t = with_a_stop("hand-held", 3, 60, 50)
+    assert estimate_path(camera(), Tracks.of(tracks(R, t))) is None
+
+
 def test_memory_of_tracks_grows_with_the_pictures() -> None:
     names = tuple(np.arange(10 * n, 10 * n + 400) for n in range(3000))
     long = Tracks(names, tuple(np.zeros((400, 2)) + n for n in range(3000)))
