@@ -8,8 +8,8 @@ by the person, and ``estimated`` the path that is estimated from simulated track
 person. ``path`` is the mean error of the estimated positions after the best similarity, as a share of the camera's way,
 ``path_turn`` of its rotations after the best one, and ``paths`` the share of walks with an estimate. ``false_paths``
 counts paths of a camera that stands, one that only turns, and one in front of a plain wall with 15 points.
-``scale_error`` is of ``file``, RMS, with its stated deviation ``scale_sigma``. The stature is not given. The way of the
-walkers is scaled to their legs, so that planted feet do not slide (``standing``). No constant was chosen on them.
+``scale_error`` is of ``file``, RMS, with its stated deviation ``scale_sigma``. The stature is not given. Planted feet
+of the walkers are flat, touch the floor and do not slide (``grounded``). No constant was chosen on them.
 """
 
 from __future__ import annotations

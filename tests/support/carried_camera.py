@@ -13,7 +13,7 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D
-from tests.support.standing_people import standing
+from tests.support.standing_people import grounded
 
 JOINT_SET = JointSet.BODY_25
 SIZE = (1280, 720)
@@ -69,13 +69,19 @@ def before_still_camera(person: Person, R: np.ndarray, t: np.ndarray) -> Person:
 def film_carried(take: Take, style: str, seed: int = 0, detector: DetectorFaults = MEASURED_DETECTOR) -> Carried:
     """Film a take with a carried camera."""
     rng = np.random.default_rng(seed)
-    person = standing(cast_person(take, rng), take.fps)
+    return film_person(take.name, grounded(cast_person(take, rng), take.fps), take.fps, style, seed, detector, rng)
+
+
+def film_person(
+    name: str, person: Person, fps: float, style: str, seed: int, detector: DetectorFaults, rng: np.random.Generator
+) -> Carried:
+    """Film a person with a carried camera."""
     posed = person.landmarks(JOINT_SET)
-    R, t = camera_way(posed.skeleton.joints[:, 0], take.fps, style, seed)
+    R, t = camera_way(posed.skeleton.joints[:, 0], fps, style, seed)
     K = np.array([[[FOCAL_PX, 0, (SIZE[0] - 1) / 2], [0, FOCAL_PX, (SIZE[1] - 1) / 2], [0, 0, 1.0]]])
     camera = Cameras(("phone",), K, np.zeros((1, 8)), np.eye(3)[None], np.zeros((1, 3)), np.array([SIZE]))
     offsets = 0.008 * rng.normal(size=(JOINT_SET.num_keypoints, 3))
-    found = film(before_still_camera(person, R, t), camera, FilmSettings(JOINT_SET, take.fps, detector, offsets), rng)
-    keypoints = Keypoints2D(found.xy, found.confidence, JOINT_SET, take.fps)
+    found = film(before_still_camera(person, R, t), camera, FilmSettings(JOINT_SET, fps, detector, offsets), rng)
+    keypoints = Keypoints2D(found.xy, found.confidence, JOINT_SET, fps)
     truth = {"betas": person.betas, "joints": posed.skeleton.joints, "keypoints3d": posed.points}
-    return Carried(Capture(take.name, camera.carried(R, t), keypoints, truth=truth), person, R, t)
+    return Carried(Capture(name, camera.carried(R, t), keypoints, truth=truth), person, R, t)
