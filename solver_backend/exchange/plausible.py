@@ -9,6 +9,7 @@ import numpy as np
 from .errors import MocapError
 
 FRAME_RATES = (0.01, 30_000.0)  # Hz, from an image every 100 seconds to the fastest cameras used to film people.
+USUAL_FRAME_RATES = (1.0, 1000.0)  # Hz. Other rates are reported.
 FARTHEST_M = 1e5  # Metres from the origin (100 km). Even a whole town recorded in millimetres is within this distance.
 FARTHEST_IN_UNITS = 1e9  # The same distance in 0.1 mm, the smallest length unit used in files.
 HIGHEST_STEP_M = 1.0  # Largest height of boxes, stairs and stages above the floor, in metres.

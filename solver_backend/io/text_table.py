@@ -12,8 +12,8 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.plausible import USUAL_FRAME_RATES
 from solver_backend.io.files import LARGEST_TAKE, as_text, first_bytes, read_text
-from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
 """Cells that mean no value. Spellings of NaN and spreadsheet errors (``#N/A``, ``#NV``) also mean no value."""
@@ -225,7 +225,8 @@ def _stated_rate(stated: float | None, times: np.ndarray) -> tuple[float | None,
     if timed is None or abs(timed - stated) <= OTHER_RATE * stated:
         return stated, ()
     # A thinned file has new times and the old header. Times in another unit do not give a frame rate.
-    used = timed if FRAME_RATES[0] <= timed <= FRAME_RATES[1] else stated
+    least, most = USUAL_FRAME_RATES
+    used = timed if least <= timed <= most else stated
     others = f"the header states {stated:g} and the times {timed:.4g}"
     return used, (diagnostic("marker_rates_contradict", rate=used, others=others),)
 

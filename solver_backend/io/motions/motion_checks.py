@@ -15,7 +15,6 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
-from solver_backend.io.recognition.range_checks import FRAME_RATES
 from solver_backend.types import Motion
 
 OUTSIDE_DEG, OUTSIDE_SHARE = 45.0, 0.01
@@ -43,7 +42,7 @@ def checked_motion(motion: AnyMotion, where: str) -> None:
 
 def check_motion(motion: AnyMotion) -> tuple[Diagnostic, ...]:
     """Return warnings about implausible values in a motion."""
-    found = [*_odd_rate(motion, FRAME_RATES, Severity.WARNING)]
+    found = [*_odd_rate(motion, plausible.USUAL_FRAME_RATES, Severity.WARNING)]
     speed = np.linalg.norm(np.diff(_places(motion), axis=0), axis=-1) * motion.fps
     if runs := true_runs(speed > FASTEST_M_S):
         found.append(diagnostic("motion_too_fast", frames=[(a, b + 1) for a, b in runs], size=speed.max(), done="kept"))

@@ -22,7 +22,6 @@ _ROUNDING = np.finfo(np.float32).resolution
 FOCAL_LENGTHS = (0.25, 20.0)  # Range of usual focal lengths in longer image sides: fields of view of 127° and 3°.
 IMPOSSIBLE = 50.0  # Factor of usual focal lengths or image sizes that no lens and no detector reaches.
 APART_M = (0.01, 100.0)  # Range of usual distances between cameras, metres.
-FRAME_RATES = (1.0, 1000.0)  # Range of usual frame rates, Hz.
 
 
 def checked(capture: Capture) -> Capture:
@@ -31,11 +30,12 @@ def checked(capture: Capture) -> Capture:
     Raises:
         CalibrationInvalid, CaptureInvalid: a number is impossible.
     """
-    keypoints, notes, odd = capture.keypoints, capture.notes, list[Diagnostic]()
+    keypoints, odd = capture.keypoints, list[Diagnostic]()
     if keypoints is not None:
-        confidence, scale_notes, scaled = on_unit_scale(keypoints.confidence)
-        keypoints = replace(keypoints, confidence=confidence) if scale_notes or scaled else keypoints
-        capture = replace(capture, keypoints=keypoints, notes=notes + scale_notes, problems=capture.problems + scaled)
+        confidence, notes, problems = on_unit_scale(keypoints.confidence)
+        keypoints = replace(keypoints, confidence=confidence) if notes or problems else keypoints
+        notes, problems = capture.notes + notes, capture.problems + problems
+        capture = replace(capture, keypoints=keypoints, notes=notes, problems=problems)
     cameras = () if capture.cameras is None or not len(capture.cameras) else (capture.cameras,)
     of_cameras = ((found, CalibrationInvalid) for find in CAMERA_CHECKS for each in cameras for found in find(each))
     of_capture = ((found, CaptureInvalid) for find in CAPTURE_CHECKS for found in find(capture))
@@ -47,10 +47,9 @@ def checked(capture: Capture) -> Capture:
     views = capture.several_views
     if not capture.world_checked and views is not None and (views[1].confidence > 0).any():
         world = check_world(*views)
-        nothing = np.isnan(world.residual_px)
-        found_of_world = (diagnostic("nothing_located"),) if nothing else world.found()
-        odd += warnings_in(found_of_world)
-        capture = replace(capture, notes=(*capture.notes, *notes_in(found_of_world)))
+        of_world = (diagnostic("nothing_located"),) if np.isnan(world.residual_px) else world.found()
+        odd += warnings_in(of_world)
+        capture = replace(capture, notes=(*capture.notes, *notes_in(of_world)))
     new = [item for i, item in enumerate(odd) if item not in (*capture.problems, *odd[:i])]
     return replace(capture, problems=(*capture.problems, *new))
 
@@ -108,7 +107,8 @@ def _places(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _rate(capture: Capture) -> Iterator[Diagnostic]:
-    for severity, (least, most) in ((Severity.ERROR, plausible.FRAME_RATES), (Severity.WARNING, FRAME_RATES)):
+    limits = {Severity.ERROR: plausible.FRAME_RATES, Severity.WARNING: plausible.USUAL_FRAME_RATES}
+    for severity, (least, most) in limits.items():
         if capture.fps and not least <= capture.fps <= most:
             yield diagnostic("rate_odd", severity=severity, rate=capture.fps, least=least, most=most)
 
