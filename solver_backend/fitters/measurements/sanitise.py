@@ -125,14 +125,10 @@ def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault])
 
 
 def _in_time(
-    cameras: Cameras,
-    keypoints: Keypoints2D,
-    triangulation: Triangulation,
-    others: Sequence[Keypoints2D],
-    every: bool,
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, others: Sequence[Keypoints2D], every: bool,
     progress: Progress,
-) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
-    """Correct the delays of late cameras, or of every camera. Return diagnostics too."""
+) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:  # fmt: skip
+    """Correct the delays of late cameras, or of ``every`` camera. Return diagnostics too."""
     reach = min(reach_frames(keypoints.fps), keypoints.num_frames // 3)
     limbs = limb_keypoints(keypoints.joint_set)
     xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)

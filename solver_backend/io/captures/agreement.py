@@ -47,11 +47,6 @@ class InTime:
     found: tuple[Diagnostic, ...] = ()  # Notes and warnings.
 
 
-def reads_apart(options: ReadOptions) -> bool:
-    """Return whether each camera may start with its own first frame number."""
-    return options.sync != SYNC_OFF or options.by_order or bool(options.offset)
-
-
 def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, options: ReadOptions) -> InTime:
     """Align the rows of the detections in time across all cameras.
 
@@ -70,17 +65,19 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
     numbered = detections.starts[0] - detections.starts
     given = _given_offsets(detections.cameras, options.offset)
     if options.offset or options.sync == SYNC_OFF:
-        notes = (
-            diagnostic("start_given", cameras=[name], size=abs(by), direction=_direction(by))
-            for name, by in _named(detections, given)
-        )
+        shifts = _shifts(detections, given).items()
+        notes = (diagnostic("start_given", cameras=[name], size=abs(by), direction=way) for name, (by, way) in shifts)
         return _aligned(detections, numbered - given, options, *notes)
     found = find_starts(cameras, detections, fps, numbered)
     if found.evidence is StartEvidence.APART:  # the solve corrects small delays to a fraction of a frame
         if np.abs(found.offsets - numbered).max() > 0.5 * reach_frames(fps):
             return _moved(detections, found, numbered, options)
     elif found.evidence is not StartEvidence.IN_STEP:
-        doubt = _doubt(detections, found)
+        names = [detections.cameras[c] for c in found.doubtful]
+        one, other = (-offset for offset in found.rivals)
+        doubt = diagnostic("start_unknown", cameras=names)
+        if found.evidence is StartEvidence.AMBIGUOUS:
+            doubt = diagnostic("start_ambiguous", cameras=[names[0], detections.cameras[0]], one=one, other=other)
         why = word(doubt).what
         if options.sync == SYNC_ON:
             hint = "Use --offset CAMERA=FRAMES, or --sync auto."
@@ -128,10 +125,10 @@ def as_numbered(detections: Detections) -> Detections:
 def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:
     """Shift the cameras, and exclude cameras without a reliable start."""
     late = numbered - found.offsets
-    moved = _named(detections, late - late[0])
-    values: dict[str, Any] = {"starts": [f"{name} {abs(by)} frames {_direction(by)}" for name, by in moved]}
-    values |= {"reference": detections.cameras[0], "late": [by for _, by in moved]}
-    problems = [diagnostic("starts_apart", cameras=[name for name, _ in moved], remedy=Remedy.REPAIRED, **values)]
+    moved = _shifts(detections, late - late[0])
+    values: dict[str, Any] = {"starts": [f"{name} {abs(by)} frames {way}" for name, (by, way) in moved.items()]}
+    values |= {"reference": detections.cameras[0], "late": [by for by, _ in moved.values()]}
+    problems = [diagnostic("starts_apart", cameras=list(moved), remedy=Remedy.REPAIRED, **values)]
     if found.doubtful:
         out = list(found.doubtful)
         names = [detections.cameras[c] for c in out]
@@ -140,14 +137,6 @@ def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, op
         confidence[out], lengths[out] = 0.0, 0
         detections = replace(detections, confidence=confidence, lengths=tuple(lengths.tolist()))
     return _aligned(detections, found.offsets, options, *problems)
-
-
-def _doubt(detections: Detections, found: CameraStarts) -> Diagnostic:
-    names = [detections.cameras[c] for c in found.doubtful]
-    if found.evidence is StartEvidence.STILL:
-        return diagnostic("start_unknown", cameras=names)
-    one, other = (-offset for offset in found.rivals)
-    return diagnostic("start_ambiguous", cameras=[names[0], detections.cameras[0]], one=one, other=other)
 
 
 def _aligned(detections: Detections, offsets: np.ndarray, options: ReadOptions, *found: Diagnostic) -> InTime:
@@ -174,12 +163,10 @@ def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray:
     return late
 
 
-def _named(detections: Detections, late: np.ndarray) -> list[tuple[str, int]]:
-    return [(name, int(by)) for name, by in zip(detections.cameras, late, strict=True) if by]
-
-
-def _direction(frames: int) -> str:
-    return "later" if frames > 0 else "earlier"
+def _shifts(detections: Detections, late: np.ndarray) -> dict[str, tuple[int, str]]:
+    """Return the delay in frames and its direction of each camera that is not in step with the first one."""
+    delays = zip(detections.cameras, late.tolist(), strict=True)
+    return {name: (by, "later" if by > 0 else "earlier") for name, by in delays if by}
 
 
 def _spans(detections: Detections) -> dict[str, tuple[int, int]]:

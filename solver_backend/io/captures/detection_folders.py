@@ -19,9 +19,10 @@ from solver_backend.agreement.repeated_frames import report_cuts, report_order, 
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import CalibrationMissing, NoDetections
 from solver_backend.exchange.reading_settings import DEFAULTS, ON, calibrated_names
+from solver_backend.exchange.solve_settings import SYNC_OFF
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.search import find_calibration, levels_above
-from solver_backend.io.captures.agreement import as_numbered, bring_to_agreement, reads_apart
+from solver_backend.io.captures.agreement import as_numbered, bring_to_agreement
 from solver_backend.io.detections.named_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import TrialConfig, camera_sources, listed_paths, read_config
@@ -59,7 +60,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
             joint_set=options.joint_set,
             configured=config.joint_set,
             trim=options.trim,
-            apart=reads_apart(options),
+            apart=options.sync != SYNC_OFF or options.by_order or bool(options.offset),
             by_order=options.by_order,
             own=find_own_keypoints(levels),
             progress=options.progress,

@@ -79,10 +79,9 @@ def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
     if not len(seen) or np.quantile(np.abs(seen), _MOST) > _LARGEST:
         return detections
     size = np.asarray(image_size, detections.xy.dtype)[:, None, None, None]  # (C, 1, 1, 1, 2)
-    span = "unit"
     hands, xy = detections.hands, detections.xy
-    if np.quantile(seen, 1 - _MOST) < 0:
-        span = "centred"
+    span = "centred" if np.quantile(seen, 1 - _MOST) < 0 else "unit"
+    if span == "centred":
         xy = (xy + 1) / 2
         hands = None if hands is None else np.concatenate([(hands[..., :2] + 1) / 2, hands[..., 2:]], -1)
     if hands is not None:

@@ -61,10 +61,6 @@ class WorldCheck:
     views: tuple[str, ...] = ()  # Names of the cameras.
     apart: float = np.pi / 2  # Angle between the directions from the person to two cameras, radians.
 
-    def moved(self, turn: np.ndarray, floor_m: float = 0.0) -> WorldCheck:
-        """Transform the measurements to the world ``x' = turn x - (0, 0, floor)``."""
-        return replace(self, points=self.points @ turn.T - (0.0, 0.0, floor_m))
-
     @cached_property
     def stature_m(self) -> float:
         """Stature in metres, from the lengths of thighs and shanks."""
@@ -273,8 +269,10 @@ def _least_rolled(R: np.ndarray, rolls: Sequence[int], up: np.ndarray) -> np.nda
 
 
 def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:
+    """Transform both to the world ``x' = turn x - (0, 0, floor)``."""
     R = cameras.R @ turn.T
-    return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world.moved(turn, floor_m)
+    world = replace(world, points=world.points @ turn.T - (0.0, 0.0, floor_m))
+    return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world
 
 
 def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> WorldFit:
