@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.agreement.body_evidence import MEAN_STATURE_M
-from solver_backend.agreement.evidence import LEAST_NOISE, SIGMAS
+from solver_backend.agreement.evidence import LEAST_NOISE, SAMPLED_FRAMES, SIGMAS
 from solver_backend.agreement.person_tracks import (
     BRIDGE_S,
     STEP_SHARE,
@@ -194,14 +194,14 @@ def select_people(
     space, least = followed.people, min(BRIDGE_S * fps, 0.5 * detections.num_frames)
 
     gaps = _gaps(followed, followed.rows[0])
-    usual = {pair: max(float(quantile(own, 0.5, axis=0)), LEAST_NOISE * MEAN_STATURE_M) for pair, own in gaps.items()}
+    usual = {pair: np.fmax(quantile(own, 0.5, axis=0), LEAST_NOISE * MEAN_STATURE_M) for pair, own in gaps.items()}
     every = float(np.median(list(usual.values())))
 
     def is_somebody(rows: np.ndarray) -> bool:
         ratios = [own / usual.get(pair, every) for pair, own in _gaps(followed, rows).items()]
-        return len(rows) >= least and bool(quantile(np.concatenate(ratios), 0.5, axis=0) <= SIGMAS)
+        return bool(quantile(np.concatenate(ratios), 0.5, axis=0) <= SIGMAS)
 
-    kept = [i for i, rows in enumerate(followed.rows) if i == 0 or is_somebody(rows)]
+    kept = [i for i, rows in enumerate(followed.rows) if i == 0 or (len(rows) >= least and is_somebody(rows))]
     found = [detections_of(followed, i, detections, fps) for i in kept]
     best = np.stack([np.where(accepted, fit, -1.0) for accepted, fit in found]).argmax(axis=0)
     accepted = [own & (best == n) for n, (own, _) in enumerate(found)]
@@ -222,6 +222,7 @@ def _gaps(followed: FollowedPeople, rows: np.ndarray) -> dict[tuple[int, int], n
 
     The distance in a frame is the median over the keypoints of the signed distances, which noise does not shift.
     """
+    rows = rows[:: max(1, len(rows) // SAMPLED_FRAMES)]
     seen, members, frame = followed.seen, followed.people.members[rows], followed.people.frame[rows]
     found = dict[tuple[int, int], np.ndarray]()
     for a, b in combinations(range(len(seen.cameras)), 2):
