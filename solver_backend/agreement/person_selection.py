@@ -194,12 +194,12 @@ def select_people(
     space, least = followed.people, min(BRIDGE_S * fps, 0.5 * detections.num_frames)
 
     gaps = _gaps(followed, followed.rows[0])
-    usual = {pair: np.fmax(quantile(own, 0.5, axis=0), LEAST_NOISE * MEAN_STATURE_M) for pair, own in gaps.items()}
+    usual = {pair: np.fmax(quantile(own, 0.75, axis=0), LEAST_NOISE * MEAN_STATURE_M) for pair, own in gaps.items()}
     every = float(np.median(list(usual.values())))
 
     def is_somebody(rows: np.ndarray) -> bool:
         ratios = [own / usual.get(pair, every) for pair, own in _gaps(followed, rows).items()]
-        return bool(quantile(np.concatenate(ratios), 0.5, axis=0) <= SIGMAS)
+        return bool(quantile(np.concatenate(ratios), 0.75, axis=0) <= SIGMAS)  # a quarter may be joined wrongly
 
     kept = [i for i, rows in enumerate(followed.rows) if i == 0 or (len(rows) >= least and is_somebody(rows))]
     found = [detections_of(followed, i, detections, fps) for i in kept]
