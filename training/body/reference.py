@@ -23,7 +23,7 @@ def sample_density(points: np.ndarray) -> np.ndarray:
 
 
 def visible(points: np.ndarray, cell: float = 0.003, depth: float = 0.003, views: int = 80) -> np.ndarray:
-    """Return a mask of the points that are visible from outside. This closes mouth, nostrils and eye sockets."""
+    """Return a mask of the points that are visible from outside, without the insides of mouth, nose and eye sockets."""
     seen = np.zeros(len(points), dtype=bool)
     directions = np.random.default_rng(3).normal(size=(views, 3))
     for d in directions / np.linalg.norm(directions, axis=1, keepdims=True):

@@ -134,7 +134,7 @@ def markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def summarise(capture: MocapCapture) -> list[str]:
-    """Return text lines about a capture's markers: how many have each meaning, the subjects, and the gaps."""
+    """Return text lines about a capture's markers: the number with each meaning, the subjects, and the gaps."""
     items = list(capture.marker_items)
     counts = {kind: sum(item.meaning == kind for item in items) for kind in MEANINGS}
     lines = [", ".join(f"{count} {kind}" for kind, count in counts.items() if count)]

@@ -47,7 +47,7 @@ def test_unknown_devices_are_named() -> None:
 
 def test_the_mixture_knows_no_device(tmp_path: Path) -> None:
     asked = job(tmp_path, 1)
-    with pytest.raises(JobInvalid, match="CPU alone"):
+    with pytest.raises(JobInvalid, match="only be fitted on the CPU"):
         train_gmm(replace(asked, settings=replace(asked.settings, device="cuda")))
 
 

@@ -65,7 +65,7 @@ def test_a_row_is_written_with_its_drawing_and_decoding(tmp_path, model: Landmar
 def test_the_verb_writes_a_trained_row_and_names_its_landmarks(tmp_path, capsys):
     folder, out = tmp_path / "run", tmp_path / "row.onnx"
     assert main(["train export", str(folder), "--out", str(out), "--json"]) != 0
-    assert "no trained row" in capsys.readouterr().out
+    assert "no trained landmark network" in capsys.readouterr().out
     model = Row("published", 2, resolution=32).model()
     folder.mkdir()
     np.savez(folder / "weights.npz", **{name: value.numpy() for name, value in model.state_dict().items()})

@@ -9,7 +9,7 @@ from typing import Any
 
 
 def dask_setup(server: Any) -> None:
-    """Watch standard input, a pipe from the parent program. Dask calls this function."""
+    """End this process when standard input, a pipe from the parent program, closes. Dask calls this function."""
     threading.Thread(target=_watch, daemon=True).start()
 
 
