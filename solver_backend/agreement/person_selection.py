@@ -57,11 +57,7 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
     _require_two_views(detections)
     seen = sightings(cameras, detections)
     tracks = view_tracks(seen)
-    blocks: list[PeopleInSpace] = []
-    for done, block in candidates(seen):
-        blocks.append(block)
-        progress("Comparing the views", done, detections.num_frames)
-    people = assigned_exclusively(PeopleInSpace.joined(blocks), tracks)
+    people = assigned_exclusively(candidates(seen, progress), tracks)
     found = persons(people, tracks, fps)
     if not found:
         raise NoDetections(
@@ -79,8 +75,7 @@ def detections_of(
     """Return a (C, F, P) mask of a person's detections, and the matching keypoints of each."""
     rows = followed.rows[person]
     points, near = _expected_points(followed.people, rows, detections.num_frames, fps)
-    others = _claimed_by_others(followed.people, rows, points, detections)
-    return _accepted(followed.seen, points, near, others, followed.tracks)
+    return _accepted(followed.seen, points, near, followed.tracks)
 
 
 def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
@@ -124,23 +119,8 @@ def _expected_points(people: PeopleInSpace, rows: np.ndarray, frames: int, fps: 
     return points, np.isfinite(points[..., 0]).any(axis=1)
 
 
-def _claimed_by_others(
-    people: PeopleInSpace, rows: np.ndarray, points: np.ndarray, detections: Detections
-) -> np.ndarray:
-    """Return a (C, F, P) mask of detections that belong to other people at some distance."""
-    claimed = np.zeros(detections.confidence.shape[:3], bool)
-    other = np.setdiff1d(np.arange(len(people.frame)), rows)
-    apart = np.linalg.norm(people.points[other] - points[people.frame[other]], axis=-1)
-    common = np.isfinite(apart)
-    mean = np.where(common, apart, 0.0).sum(1) / np.maximum(common.sum(1), 1)
-    for row in other[(mean > 2 * TOLERANCE_M) | ~common.any(1)]:
-        views = np.flatnonzero(people.members[row] >= 0)
-        claimed[views, people.frame[row], people.members[row, views]] = True
-    return claimed
-
-
 def _accepted(
-    seen: Sightings, points: np.ndarray, near: np.ndarray, others: np.ndarray, tracks: np.ndarray
+    seen: Sightings, points: np.ndarray, near: np.ndarray, tracks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a (C, F, P) mask of the person's detections, and their numbers of matching keypoints.
 
@@ -148,19 +128,19 @@ def _accepted(
     The track distinguishes the person from people who pass behind.
     """
     frames = np.flatnonzero(near)
-    distance, fit = np.full(others.shape, np.inf), np.zeros(others.shape)
+    distance, fit = np.full(tracks.shape, np.inf), np.zeros(tracks.shape)
     for c in range(len(seen.cameras)):
         fit[c, frames], distance[c, frames], _ = detection_distances(seen, c, frames, points[frames])
     usual = distance.min(axis=-1)
     usual = usual[usual < TOLERANCE_M]
     tolerance = min(TOLERANCE_M, max(CLOSEST_M, USUAL_TIMES * float(np.median(usual)))) if usual.size else 0.0
-    close = (distance < tolerance) & ~others
+    close = distance < tolerance
     counted = (tracks >= 0) & near[None, :, None]
     size = int(tracks.max()) + 1
     seen_often = np.bincount(tracks[counted], minlength=size)
     right_often = np.bincount(tracks[counted], weights=close[counted].astype(float), minlength=size)
     share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
-    accepted = (close & (share >= 0.5)) | ((distance < TOLERANCE_M) & ~others & (share >= SURE_SHARE))
+    accepted = (close & (share >= 0.5)) | ((distance < TOLERANCE_M) & (share >= SURE_SHARE))
     return accepted, fit
 
 
@@ -242,7 +222,6 @@ def _selected(
     detections: Detections, fps: float, people: Iterable[tuple[np.ndarray, np.ndarray]], notes: tuple[Diagnostic, ...],
     problems: tuple[Diagnostic, ...],
 ) -> tuple[SelectedPerson, ...]:  # fmt: skip
-    """Return people from their detections and fits (C, F, P). The first one gets the messages."""
     selected: list[SelectedPerson] = []
     for number, (accepted, fit) in enumerate(people, 1):
         xy, confidence, hands, detection = _merged(detections, accepted, fit)
@@ -280,7 +259,6 @@ def _merged(
 def _report(
     cameras: Cameras, detections: Detections, space: PeopleInSpace, people: list[np.ndarray], accepted: np.ndarray
 ) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Report the chosen person and the others, from each person's rows in ``space``."""
 
     def views_of(rows: np.ndarray) -> float:
         return float((space.members[rows] >= 0).sum(1).mean())

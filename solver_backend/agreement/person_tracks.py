@@ -7,15 +7,15 @@ metres at the person's depth, so one tolerance fits all lenses. Each comparison 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from math import dist
 
 import numpy as np
 
 from solver_backend.agreement.evidence import SAMPLED_FRAMES, STRIDE
 from solver_backend.agreement.reading import MIN_POINTS, Sightings
+from solver_backend.exchange.progress import Progress
 from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
@@ -36,19 +36,13 @@ class PeopleInSpace:
         """Return the selected people."""
         return PeopleInSpace(self.frame[rows], self.members[rows], self.points[rows], self.score[rows])
 
-    @classmethod
-    def joined(cls, blocks: list[PeopleInSpace]) -> PeopleInSpace:
-        """Return the people of several blocks of frames."""
-        rows = zip(*((b.frame, b.members, b.points, b.score) for b in blocks), strict=True)
-        return cls(*(np.concatenate(values) for values in rows))
 
-
-def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
-    """Yield the number of finished frames and all candidates, for each block of frames.
+def candidates(seen: Sightings, progress: Progress) -> PeopleInSpace:
+    """Return all groups of detections that may be people.
 
     Groups may share detections, as rays of different people can meet by chance. ``assigned_exclusively`` resolves this.
     """
-    frames = seen.xy.shape[1]
+    frames, blocks = seen.xy.shape[1], list[tuple[np.ndarray, ...]]()
     for start in range(0, frames, SAMPLED_FRAMES):  # bounds memory
         stop = min(start + SAMPLED_FRAMES, frames)
         block = Sightings(seen.cameras, seen.xy[:, start:stop], seen.mirror)
@@ -59,25 +53,25 @@ def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
         frame, members = rows[:, 0], rows[:, 1:]
         points = _intersection(block, frame, members, swapped[several][first])
         members, _, score = gather(block, frame, points)
-        yield stop, PeopleInSpace(frame + start, members, points, score).at((members >= 0).sum(1) >= 2)
+        several = (members >= 0).sum(1) >= 2
+        blocks.append((frame[several] + start, members[several], points[several], score[several]))
+        progress("Comparing the views", stop, frames)
+    return PeopleInSpace(*(np.concatenate(values) for values in zip(*blocks, strict=True)))
 
 
 def _seeds(seen: Sightings) -> tuple[np.ndarray, np.ndarray]:
-    """Return frame (N,) and points (N, J, 3) of every pair of detections with intersecting rays."""
     present = seen.present()
     frames: list[np.ndarray] = [np.zeros(0, np.int64)]
     points: list[np.ndarray] = [np.zeros((0, seen.xy.shape[3], 3))]
-    count = len(seen.cameras)
-    for a in range(count):
-        for b in range(a + 1, count):
-            frame, p, q = np.nonzero(present[a][:, :, None] & present[b][:, None, :])
-            first, second = seen.xy[a, frame, p], seen.xy[b, frame, q]
-            for swapped in (False, True):
-                middle, gap = _midpoints(seen.cameras, a, b, first, second[:, seen.mirror] if swapped else second)
-                meets = _median(gap) < TOLERANCE_M
-                frames.append(frame[meets])
-                points.append(middle[meets])
-                frame, first, second = frame[~meets], first[~meets], second[~meets]
+    for a, b in combinations(range(len(seen.cameras)), 2):
+        frame, p, q = np.nonzero(present[a][:, :, None] & present[b][:, None, :])
+        first, second = seen.xy[a, frame, p], seen.xy[b, frame, q]
+        for swapped in (False, True):
+            middle, gap = _midpoints(seen.cameras, a, b, first, second[:, seen.mirror] if swapped else second)
+            meets = _median(gap) < TOLERANCE_M
+            frames.append(frame[meets])
+            points.append(middle[meets])
+            frame, first, second = frame[~meets], first[~meets], second[~meets]
     return np.concatenate(frames), np.concatenate(points)
 
 
@@ -199,7 +193,8 @@ def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.nd
     """
     if not len(people.frame):
         return []
-    middles, views = middles_of(people.points), np.arange(people.members.shape[1])
+    middles = quantile(people.points, 0.5, axis=1, method="lower")
+    views = np.arange(people.members.shape[1])
     numbers = np.where(people.members >= 0, tracks[views, people.frame[:, None], people.members], -1)
     in_views = [frozenset(n for n in row if n >= 0) for row in numbers.tolist()]
     found = list[np.ndarray]()
@@ -217,26 +212,15 @@ def _weight(people: PeopleInSpace, rows: np.ndarray) -> float:
     return float(agreement.sum()) * (0.5 + 0.5 * moves)
 
 
-def middles_of(points: np.ndarray) -> np.ndarray:
-    """Return the (H, 3) coordinate-wise medians of each person's known points (H, J, 3)."""
-    known = np.isfinite(points[..., 0]).sum(-1)
-    ordered = np.sort(points, axis=1)
-    index = np.maximum(known - 1, 0) // 2
-    return np.take_along_axis(ordered, np.broadcast_to(index[:, None, None], (len(points), 1, 3)), axis=1)[:, 0]
-
-
 def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float) -> list[np.ndarray]:
     """Link sightings in consecutive frames: first by common tracks of views, then by distance."""
-    active, finished = list[list[int]](), list[list[int]]()
+    found, active = list[list[int]](), list[list[int]]()
     starts, at, positions = np.flatnonzero(np.diff(frames, prepend=-1)).tolist(), frames.tolist(), middles.tolist()
     for start, stop in zip(starts, [*starts[1:], len(frames)], strict=True):
-        absent = [(at[start] - at[rows[-1]]) / fps for rows in active]
-        finished += [rows for rows, gap in zip(active, absent, strict=True) if gap > BRIDGE_S]
-        active = [rows for rows, gap in zip(active, absent, strict=True) if gap <= BRIDGE_S]
-        absent = [gap for gap in absent if gap <= BRIDGE_S]
+        active = [rows for rows in active if at[start] - at[rows[-1]] <= BRIDGE_S * fps]
         links, linked = [], set[int]()
-        for rows, gap in zip(active, absent, strict=True):
-            reach = TOLERANCE_M + SPEED_M_S * min(gap, STRIDE / fps)
+        for rows in active:
+            reach = TOLERANCE_M + SPEED_M_S * min(at[start] - at[rows[-1]], STRIDE) / fps
             for row in range(start, stop):
                 shared = len(in_views[rows[-1]] & in_views[row])
                 distance = dist(positions[rows[-1]], positions[row])
@@ -246,17 +230,16 @@ def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset
             if len(rows) == length and row not in linked:  # neither is linked yet
                 linked.add(row)
                 rows.append(row)
-        active += [[row] for row in range(start, stop) if row not in linked]
-    return [np.array(rows) for rows in [*finished, *active]]
+        fresh = [[row] for row in range(start, stop) if row not in linked]
+        active += fresh
+        found += fresh
+    return [np.array(rows) for rows in found]
 
 
 def _joined(
     tracklets: list[np.ndarray], frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float
 ) -> list[np.ndarray]:
-    """Join tracklets that follow each other in time, at most one after each end.
-
-    Tracklets with common tracks of views are joined first, then near ones.
-    """
+    """Join tracklets that follow each other in time: first those with common tracks of views, then near ones."""
     first = np.array([frames[rows[0]] for rows in tracklets])
     last = np.array([frames[rows[-1]] for rows in tracklets])
     begin = np.stack([middles[rows[0]] for rows in tracklets])
@@ -289,73 +272,48 @@ def _joined(
 
 
 STEP_SHARE = 0.2  # Largest movement of a person's keypoints per frame, relative to the person's size.
-CLEAR_RATIO = 2.0  # Smallest ratio of the second candidate's distance for a reliable link.
 
 
 def view_tracks(seen: Sightings) -> np.ndarray:
     """Return (C, F, P) unique track numbers of detections, -1 without a detection.
 
-    Detections in consecutive frames are linked if each is clearly the other's nearest. Ambiguous frames, such as those
-    with two crossing people, end a track.
+    Detections in consecutive frames are linked if each is the other's nearest, and any other is twice as far. Ambiguous
+    frames, such as those with two crossing people, end a track.
     """
-    views, frames, people = seen.xy.shape[:3]
-    present = seen.present()
-    tracks = np.full((views, frames, people), -1)
-    links = np.stack([_links(seen.xy[c]) for c in range(views)])
-    rows = np.arange(views)[:, None]
-    next_number = 0
-    for f in range(frames):
-        if f:
-            source = links[:, f - 1]
-            linked = source >= 0
-            tracks[:, f][linked] = tracks[rows, f - 1, source][linked]
-        fresh = present[:, f] & (tracks[:, f] < 0)
-        count = int(fresh.sum())
-        tracks[:, f][fresh] = next_number + np.arange(count)
-        next_number += count
-        tracks[:, f][~present[:, f]] = -1
-    return tracks
+    present, links = seen.present(), np.stack([_links(view) for view in seen.xy])
+    first = np.arange(present.size).reshape(present.shape)  # number of the first detection in each track
+    for f in range(1, present.shape[1]):
+        before = np.take_along_axis(first[:, f - 1], np.maximum(links[:, f - 1], 0), axis=1)
+        first[:, f] = np.where(links[:, f - 1] >= 0, before, first[:, f])
+    return np.where(present, np.unique(first, return_inverse=True)[1].reshape(present.shape), -1)
 
 
 def _links(xy: np.ndarray) -> np.ndarray:
-    """Return the (F-1, P) index of each detection's predecessor from frame 1 on, -1 without one."""
     cost = _costs(xy)
     if not cost.size:
         return np.zeros(cost.shape[:2], np.int64)
-    before = np.argmin(cost, axis=1)
-    after = np.argmin(cost, axis=2)
-    people = np.arange(cost.shape[1])
-    mutual = np.take_along_axis(after, before, axis=1) == people
-    best = np.take_along_axis(cost, before[:, None, :], axis=1)[:, 0]
-    backward = np.take_along_axis(_second(cost, 1), people[None], axis=1)
-    forward = np.take_along_axis(_second(cost, 2), before, axis=1)
-    clear = np.minimum(backward, forward) > CLEAR_RATIO * best
+    before, after, best = cost.argmin(axis=1), cost.argmin(axis=2), cost.min(axis=1)
+    mutual = np.take_along_axis(after, before, axis=1) == np.arange(cost.shape[1])
+    padded = np.pad(cost, ((0, 0), (0, 1), (0, 1)), constant_values=np.inf)
+    backward, forward = (np.partition(padded, 1, axis=axis).take(1, axis)[:, :-1] for axis in (1, 2))
+    clear = np.minimum(backward, np.take_along_axis(forward, before, axis=1)) > 2 * best
     return np.where(mutual & clear & (best < STEP_SHARE), before, -1)
 
 
-def _second(cost: np.ndarray, axis: int) -> np.ndarray:
-    """Return the second smallest cost along an axis, infinity if there is only one."""
-    if cost.shape[axis] < 2:
-        return np.full(cost.shape[:axis] + cost.shape[axis + 1 :], np.inf)
-    return np.take(np.partition(cost, 1, axis=axis), 1, axis=axis)
-
-
 def _costs(xy: np.ndarray) -> np.ndarray:
-    """Return (F-1, P, P) mean keypoint distances in person sizes, infinity without any."""
-    known = np.isfinite(xy[..., 0])
-    middle = np.where(known[..., None], xy, 0.0).sum(-2) / np.maximum(known.sum(-1), 1)[..., None]
-    spread = np.where(known[..., None], xy - middle[..., None, :], 0.0)
-    size = 3.0 * np.sqrt((spread**2).sum((-1, -2)) / np.maximum(known.sum(-1), 1))
-    people = xy.shape[1]
-    cost = np.full((max(len(xy) - 1, 0), people, people), np.inf)
-    for p in range(people):
-        for q in range(people):
-            apart = np.linalg.norm(xy[1:, q] - xy[:-1, p], axis=-1)
-            common = np.isfinite(apart)
-            count = common.sum(-1)
-            mean = np.where(common, apart, 0.0).sum(-1) / np.maximum(count, 1)
-            scale = np.maximum(np.minimum(size[1:, q], size[:-1, p]), 1e-6)
-            cost[:, p, q] = np.where(count >= 3, mean / scale, np.inf)
+    """Return (F-1, P, P) mean keypoint distances of two frames in person sizes, infinity for too few keypoints."""
+    known = np.isfinite(xy[..., :1])
+    count = np.maximum(known.sum(-2), 1)
+    middle = np.where(known, xy, 0.0).sum(-2) / count
+    spread = np.where(known, xy - middle[..., None, :], 0.0)
+    size = 3.0 * np.sqrt((spread**2).sum((-1, -2)) / count[..., 0])  # a swung arm changes it less than a box
+    people = range(xy.shape[1])
+    cost = np.full((max(len(xy) - 1, 0), len(people), len(people)), np.inf)
+    for p, q in product(people, people):
+        apart = np.linalg.norm(xy[1:, q] - xy[:-1, p], axis=-1)
+        common = np.isfinite(apart).sum(-1)
+        scale = np.maximum(np.minimum(size[1:, q], size[:-1, p]), 1e-6) * np.maximum(common, 1)
+        cost[:, p, q] = np.where(common >= MIN_POINTS, np.nan_to_num(apart).sum(-1) / scale, np.inf)
     return cost
 
 
@@ -396,9 +354,7 @@ def _lasting_agreement(people: PeopleInSpace, tracks: np.ndarray) -> np.ndarray:
         # A pair of views in several groups of one frame counts once.
         once = np.unique(np.column_stack([people.frame[rows], i, j]), axis=0)[:, 1:]
         kinds, agreed = np.unique(once, axis=0, return_counts=True)
-        together = (
-            np.minimum(last[kinds[:, 0]], last[kinds[:, 1]]) - np.maximum(first[kinds[:, 0]], first[kinds[:, 1]]) + 1
-        )
+        together = last[kinds].min(axis=1) - first[kinds].max(axis=1) + 1
         share = (agreed + 0.5) / (together + 1.5)
         keys = kinds[:, 0] * len(first) + kinds[:, 1]
         total[rows] += share[np.searchsorted(keys, i * len(first) + j)]
