@@ -10,8 +10,8 @@ import numpy as np
 from solver_backend.agreement.evidence import (
     BLOCKS,
     MOVED,
+    OUTLIER_DENSITY,
     SCALES,
-    UNRELATED_OUTLIERS,
     TakeEvidence,
     count_in_bins,
     fit_noise,
@@ -113,21 +113,17 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
 
 
 def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
-    """Return the log-likelihood of log lengths (bones, P), and lengths per independent length.
-
-    The log-likelihood of a single pose is 0.
-    """
+    """Return the log-likelihood of log lengths (bones, P), 0 for one pose, and lengths per independent length."""
     counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
-    noise = fit_noise(counts, MOVED, UNRELATED_OUTLIERS)
+    noise = fit_noise(counts, MOVED)
     z = evidence.per_pose(np.nan_to_num(np.clip(off / noise.sigma[0], -3, 3)), 1)
     effect = max(1.0, float((z.sum(0) ** 2).sum() / max(z.size, 1)))
     count = float((np.isfinite(off) * evidence.weight).sum()) * (evidence.poses - 1) / max(evidence.poses, 1)
     shared = 1 if evidence.views == 2 else 2  # with more views the same errors already show between views
-    return float((noise.density[0] - np.log(UNRELATED_OUTLIERS)) * count / shared), effect
+    return float((noise.density[0] - np.log(OUTLIER_DENSITY)) * count / shared), effect
 
 
 def _heavy(off: np.ndarray) -> float:
-    """Return the heavy-tailed log-likelihood of log proportions: one unusual bone proves nothing."""
     return float((-2.0 * np.log1p((off / PROPORTION_SPREAD) ** 2 / 3)).sum())
 
 
@@ -263,7 +259,6 @@ def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tu
 
 
 def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float, scales: Sequence[float]) -> Cameras:
-    """Return the camera pose of least reprojection error, for decreasing weight scales."""
     for scale in scales:
         camera = resected(camera, rays[None, :, None, :2], np.ones((1, len(X), 1)), X[:, None], scale * size, steps=4)
     return camera

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -19,22 +18,21 @@ from solver_backend.agreement.evidence import (
     LEAST_CAMERAS,
     LEAST_NOISE,
     MOST_ROUNDS,
+    MOVED,
     POSES,
     epipolar_distances,
 )
 from solver_backend.agreement.hypotheses import CONVERGED, SPREAD
-from solver_backend.agreement.person_tracks import SMALLEST_ANGLE_SIN2
-from solver_backend.agreement.reading import MIN_CONFIDENCE, extent
+from solver_backend.agreement.reading import MIN_CONFIDENCE, extent, sample
 from solver_backend.agreement.synchronisation import USUAL_SIGMA_SHARE
-from solver_backend.cameras.projection import distorted, undistort
+from solver_backend.cameras.projection import undistort
 from solver_backend.cameras.robust_triangulation import INLIER_SIGMAS, ROBUST_SIGMAS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras, Keypoints2D
 
-_STEP = 1e-6  # Step of numerical derivatives.
-OFF = 0.05  # Smallest logarithm of a reported factor, which must also exceed ``INLIER_SIGMAS`` deviations.
+_STEP = np.sqrt(np.finfo(float).eps)  # Step of numerical derivatives, for half of the digits.
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class EpipolarFit:
     def is_sure(self) -> bool:
         """True if the factor is significant, and the rotations are plausible for calibrated cameras."""
         is_calibrated = np.abs(self.turns).max() < 3 * USUAL_SIGMA_SHARE
-        return bool(is_calibrated and abs(self.log) >= max(OFF, INLIER_SIGMAS * self.sigma))
+        return bool(is_calibrated and abs(self.log) >= max(MOVED, INLIER_SIGMAS * self.sigma))
 
 
 @dataclass(frozen=True)
@@ -64,8 +62,7 @@ class ComparedViews:
         """Return up to ``EACH`` views in ``POSES`` frames, or None if there are too few."""
         if len(cameras) < LEAST_CAMERAS or not keypoints.num_frames:
             return None
-        chosen = np.unique(np.linspace(0, len(cameras) - 1, EACH).astype(int))
-        frames = np.unique(np.linspace(0, keypoints.num_frames - 1, POSES).astype(int))
+        chosen, frames = sample(len(cameras), EACH), sample(keypoints.num_frames, POSES)
         seen = keypoints.confidence[chosen][:, frames] >= MIN_CONFIDENCE
         xy = np.where(seen[..., None], keypoints.xy[chosen][:, frames].astype(np.float64), np.nan)
         return cls(cameras.subset(chosen.tolist()), xy)
@@ -73,14 +70,13 @@ class ComparedViews:
     def fit(self) -> EpipolarFit | None:
         """Fit the views. Return None if too little is visible or the fit does not converge."""
         precision = np.r_[SPREAD, np.full(3 * len(self.cameras), USUAL_SIGMA_SHARE)] ** -2.0
-        least = LEAST_NOISE * float(np.nan_to_num(quantile(extent(self.xy), 0.5, (0, 1))))
         x, share = np.zeros(len(precision)), min(1.0, BLOCKS / self.xy.shape[1])  # successive frames have equal errors
         for _ in range(MOST_ROUNDS):
             parts = list(self.distances(x))
             off = np.concatenate([part for _, part, *_ in parts])
             if not len(off):
                 return None
-            sigma = max(1.4826 * float(np.median(np.abs(off))), least)
+            sigma = max(1.4826 * float(np.median(np.abs(off))), LEAST_NOISE)
             information, by_keypoint = np.diag(precision), np.zeros((self.xy.shape[2], len(x)))
             for columns, part, J, keypoint in parts:
                 weighted = J * (share / sigma**2 / (1.0 + (part / (ROBUST_SIGMAS * sigma)) ** 2))[:, None]
@@ -99,54 +95,37 @@ class ComparedViews:
         return None
 
     def distances(self, x: np.ndarray) -> Iterator[tuple[list[int], np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield columns, epipolar distances in px, (N, 7) derivatives and keypoints of view pairs.
+        """Yield columns of ``x``, epipolar distances in person sizes, derivatives (N, 7) and keypoints of view pairs.
 
         Args:
             x: (1 + 3 C,) logarithm of the focal lengths' factor, then rotations of the cameras in radians.
         """
-        rays, longer = (_rays(self.cameras, self.xy, log) for log in (x[0], x[0] + _STEP))
+        rays, longer = (self._rays(log) for log in (x[0], x[0] + _STEP))
         turns, steps = x[1:].reshape(-1, 3), _STEP * np.eye(3)
         poses = [self._turned(c, turn) for c, turn in enumerate(turns)]
         moved = [[self._turned(c, turn + step) for step in steps] for c, turn in enumerate(turns)]
-        pixels = self._pixels_per_direction
         for i, j in combinations(range(len(self.cameras)), 2):
-            both = np.isfinite(rays[i]).all(-1) & np.isfinite(rays[j]).all(-1) & self._off_epipoles[i, j]
-            focal = 0.5 * np.exp(x[0]) * (pixels[i][both] + pixels[j][both])
-            a, b = rays[i][both], rays[j][both]
-            off = focal * epipolar_distances(poses[i], poses[j], a, 1.0, b, 1.0)
-            by_log = epipolar_distances(poses[i], poses[j], longer[i][both], 1.0, longer[j][both], 1.0)
-            changed = [np.exp(_STEP) * focal * by_log]
-            changed += [focal * epipolar_distances(pose, poses[j], a, 1.0, b, 1.0) for pose in moved[i]]
-            changed += [focal * epipolar_distances(poses[i], pose, a, 1.0, b, 1.0) for pose in moved[j]]
+            one, other = rays[i], rays[j]
+            off = epipolar_distances(poses[i], poses[j], *one, *other)
+            changed = [epipolar_distances(poses[i], poses[j], *longer[i], *longer[j])]
+            changed += [epipolar_distances(pose, poses[j], *one, *other) for pose in moved[i]]
+            changed += [epipolar_distances(poses[i], pose, *one, *other) for pose in moved[j]]
             columns = [0, *range(1 + 3 * i, 4 + 3 * i), *range(1 + 3 * j, 4 + 3 * j)]
-            slopes = (np.stack(changed, axis=-1) - off[:, None]) / _STEP
-            known = np.isfinite(off) & np.isfinite(slopes).all(-1)  # cameras at one position have no epipolar lines
-            yield columns, off[known], slopes[known], np.nonzero(both)[1][known]
+            slopes = (np.stack(changed, axis=-1) - off[..., None]) / _STEP
+            known = np.isfinite(slopes).all(-1)  # cameras at one position have no epipolar lines
+            yield columns, off[known], slopes[known], np.nonzero(known)[1]
 
-    @cached_property
-    def _off_epipoles(self) -> np.ndarray:
-        """(C, C, F, J) mask of points with rays at a sufficient angle to the line through two cameras.
-
-        Near an epipole, every point is near its epipolar line for any lens. This affects opposite cameras of a ring.
-        """
-        ways = _rays(self.cameras, self.xy, 0.0) @ self.cameras.R[:, None]
-        ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
-        base = self.cameras.centres[:, None] - self.cameras.centres
-        base = base / np.maximum(np.linalg.norm(base, axis=-1, keepdims=True), 1e-12)
-        along = np.square(np.einsum("cfjd,ced->cefj", ways, base))
-        return np.fmax(along, np.swapaxes(along, 0, 1)) < 1 - SMALLEST_ANGLE_SIN2
+    def _rays(self, log: float) -> list[tuple[np.ndarray, float]]:
+        """Return each view's rays (F, J, 3) and the person's size, with log focal lengths increased by ``log``."""
+        K = self.cameras.K.copy()
+        K[:, :2, :2] *= np.exp(log)
+        n = undistort(replace(self.cameras, K=K), self.xy)
+        sizes = np.nan_to_num(quantile(extent(n), 0.5, axis=1), nan=1.0)
+        return list(zip(np.concatenate([n, np.ones_like(n[..., :1])], axis=-1), sizes.tolist(), strict=True))
 
     def _turned(self, camera: int, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         R = exp_so3(turn)
         return R @ self.cameras.R[camera], R @ self.cameras.t[camera]
-
-    @cached_property
-    def _pixels_per_direction(self) -> np.ndarray:
-        """(C, F, J) pixels per unit of direction at each point, which depend on the lens."""
-        n, cameras = undistort(self.cameras, self.xy), self.cameras
-        _, _, (xx, cross, yy) = distorted(n[..., 0], n[..., 1], cameras.distortion, cameras.models)
-        focal = 0.5 * np.trace(cameras.K[:, :2, :2], axis1=1, axis2=2)
-        return focal[:, None, None] * np.sqrt(np.maximum(xx * yy - cross**2, 0.0))
 
 
 def report_lenses(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic, ...]:
@@ -163,11 +142,3 @@ def report_lenses(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic,
             return ()
     way, percent = "short" if fit.log > 0 else "long", 100 * abs(np.exp(-fit.log) - 1)
     return (diagnostic("focal_lengths_off", cameras=cameras.names, percent=percent, way=way),)
-
-
-def _rays(cameras: Cameras, xy: np.ndarray, log: float) -> np.ndarray:
-    """Return (C, F, J, 3) directions (x, y, 1) of pixels, with log focal lengths increased by ``log``."""
-    K = cameras.K.copy()
-    K[:, :2, :2] *= np.exp(log)
-    n = undistort(replace(cameras, K=K), xy)
-    return np.concatenate([n, np.ones_like(n[..., :1])], axis=-1)

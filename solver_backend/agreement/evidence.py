@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +17,11 @@ from solver_backend.agreement.reading import (
     Pose,
     Reading,
     main_person,
+    sample,
     unmirror,
     unturn,
 )
-from solver_backend.cameras.camera_corrections import CameraCorrection, Window, compared_pairs, corrected
+from solver_backend.cameras.camera_corrections import CameraCorrection, compared_pairs, corrected
 from solver_backend.cameras.projection import undistort_normalised
 from solver_backend.cameras.robust_triangulation import INLIER_SIGMAS
 from solver_backend.geometry.arrays import quantile
@@ -29,8 +32,8 @@ LEAST_NOISE = 0.002  # In person sizes. Smaller noise is rounding or comes from 
 OUTLIER_DENSITY = 0.5  # Density of outliers, uniform over twice the person's size.
 UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
 """Noise in person sizes and outlier rate beyond which views do not show one body."""
-_CENTRES = np.geomspace(1e-3, 3.0, 98)  # Centres of the distance bins, in person sizes.
-BINS = len(_CENTRES)
+CENTRES = np.geomspace(1e-3, 3.0, 98)  # Centres of the distance bins, in person sizes.
+BINS = len(CENTRES)
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,10 @@ class Noise:
         """(N,) mask of sets from views that show one body."""
         return (self.sigma < UNRELATED_NOISE) & (self.outliers < UNRELATED_OUTLIERS)
 
-    def log_density(self, distance: np.ndarray) -> np.ndarray:
-        """Return the log density of distances, for a single set."""
-        return log_density(distance, float(self.sigma[0]), float(self.outliers[0]))
+    @property
+    def share(self) -> np.ndarray:
+        """(N,) shares of distances that are no outliers, 0 for unrelated views."""
+        return np.where(self.sigma < UNRELATED_NOISE, 1.0 - self.outliers, 0.0)
 
 
 def _normal(distance: np.ndarray, sigma: np.ndarray | float, outliers: np.ndarray | float) -> np.ndarray:
@@ -56,29 +60,23 @@ def _normal(distance: np.ndarray, sigma: np.ndarray | float, outliers: np.ndarra
     return (1 - outliers) / (sigma * np.sqrt(2 * np.pi)) * inner
 
 
-def log_density(distance: np.ndarray, sigma: float, outliers: float) -> np.ndarray:
+def log_density(distance: np.ndarray, sigma: np.ndarray | float, outliers: np.ndarray | float) -> np.ndarray:
     """Return the log density of distances under normal errors with uniform outliers."""
     return np.log(_normal(distance, sigma, outliers) + outliers * OUTLIER_DENSITY)
 
 
-def density_per_bin(sigma: float, outliers: float) -> np.ndarray:
-    """Return the (BINS,) log density of distances in each bin."""
-    return log_density(_CENTRES, sigma, outliers)
-
-
-def expected_density(sigma: float, outliers: float, outlier_density: float = OUTLIER_DENSITY) -> float:
-    """Return the mean log density of distances drawn from this noise."""
+def _mean_log_density(sigma: float, outliers: float) -> float:
     inner = (1 - outliers) * (np.log(1 - outliers) - np.log(sigma * np.sqrt(2 * np.pi)) - 0.5)
-    return float(inner + outliers * np.log(outliers * outlier_density))
+    return float(inner + outliers * np.log(outliers * OUTLIER_DENSITY))
 
 
-UNRELATED = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)  # Mean log density of unrelated views.
+UNRELATED = _mean_log_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)  # Mean log density of unrelated views.
 
 
 def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return (N, BINS) weights per bin of N sets of distances (N, ...), ignoring NaN."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        place = np.log(np.abs(distance) / _CENTRES[0]) / np.log(_CENTRES[1] / _CENTRES[0])
+        place = np.log(np.abs(distance) / CENTRES[0]) / np.log(CENTRES[1] / CENTRES[0])
     known = np.isfinite(distance)
     bins = np.clip(np.rint(np.where(known, np.nan_to_num(place, neginf=0.0), 0.0)), 0, BINS - 1).astype(int)
     count = len(distance)
@@ -87,23 +85,23 @@ def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.bincount(rows.ravel(), weights.ravel(), BINS * count).reshape(count, BINS)
 
 
-def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE, outlier_density: float = OUTLIER_DENSITY) -> Noise:
+def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE) -> Noise:
     """Fit the noise of N sets of distances, given by (N, BINS) weights.
 
     Expectation maximisation (Dempster, Laird and Rubin 1977).
     """
     total = np.maximum(counts.sum(1), 1e-9)
     middle = (np.cumsum(counts, axis=1) < 0.5 * total[:, None]).sum(1)
-    sigma = np.maximum(1.4826 * _CENTRES[np.minimum(middle, BINS - 1)], least)
+    sigma = np.maximum(1.4826 * CENTRES[np.minimum(middle, BINS - 1)], least)
     outliers = np.full(len(counts), UNRELATED_OUTLIERS)
     for _ in range(MOST_ROUNDS):
-        inner = _normal(_CENTRES, sigma[:, None], outliers[:, None])
-        inliers = counts * inner / (inner + outliers[:, None] * outlier_density)
+        inner = _normal(CENTRES, sigma[:, None], outliers[:, None])
+        inliers = counts * inner / (inner + outliers[:, None] * OUTLIER_DENSITY)
         share = inliers.sum(1)
-        sigma = np.maximum(np.sqrt(inliers @ _CENTRES**2 / np.maximum(share, 1e-9)), least)
+        sigma = np.maximum(np.sqrt(inliers @ CENTRES**2 / np.maximum(share, 1e-9)), least)
         outliers = np.clip(1 - share / total, 0.005, 0.95)
-    whole = _normal(_CENTRES, sigma[:, None], outliers[:, None]) + outliers[:, None] * outlier_density
-    return Noise((counts * np.log(whole)).sum(1) / total, sigma, outliers)
+    density = (counts * log_density(CENTRES, sigma[:, None], outliers[:, None])).sum(1) / total
+    return Noise(density, sigma, outliers)
 
 
 BOUND = 6.0  # Smallest lead of an explanation over every other one, in nats: odds of 400 to 1.
@@ -113,8 +111,8 @@ MOST_ROUNDS = 20  # Largest number of iterations.
 SCALES = 0.3, 0.1, 0.03  # Decreasing scales of robust weights, in person sizes.
 STRIDE = 3  # Frames between compared delays, and shortest delay that the search of readings considers.
 LEAST_CAMERAS = 3  # Two views have only one pair of epipolar lines and agree by chance too easily.
-POSES, FRAMES, SAMPLED_FRAMES = 40, 120, 300
-"""Largest numbers of independent poses, of frames with likelihoods, and of frames for measuring delays."""
+POSES, SAMPLED_FRAMES = 40, 300  # Largest numbers of independent poses, and of frames for measuring delays.
+FRAMES = STRIDE * POSES  # Largest number of frames with likelihoods: on average one per stride of each pose.
 MOVED = 0.04
 """Smallest distance in person sizes of independent poses, different bodies and moved cameras, scale of matching frames,
 and largest noise of views that agree."""
@@ -154,13 +152,9 @@ class TakeEvidence:
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self.suspects = tuple(range(self.views))  # Views that may have a fault.
-        self._cameras = [cameras.subset([owner]) for owner in range(len(cameras))]
-        self._windows: dict[tuple[int, Window], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-        """Scale and offset of pixels in a part of the image, and the size of that part before any rotation."""
-        self._poses: dict[PoseKey, tuple[np.ndarray, np.ndarray]] = {}
+        self._corrections: dict[tuple[int, CameraCorrection], Cameras] = {}
         self._points: dict[PointsKey, ViewRays] = {}
-        self._numbers: dict[ViewKey, int] = {}
-        self._counts: dict[tuple[int, int], np.ndarray] = {}
+        self._counts: dict[tuple[ViewKey, ViewKey], np.ndarray] = {}
 
     @property
     def poses(self) -> int:
@@ -174,10 +168,10 @@ class TakeEvidence:
 
     def quick(self, poses: int = POSES) -> TakeEvidence:
         """Return the evidence with one frame per pose and at most this number of poses."""
-        few = object.__new__(TakeEvidence)
-        few.__dict__.update({k: v for k, v in self.__dict__.items() if k != "weight"})
+        few = copy(self)
+        few.__dict__.pop("weight", None)
         first = np.unique(self.pose, return_index=True)[1]
-        first = first[np.unique(np.linspace(0, len(first) - 1, min(poses, len(first))).astype(int))]
+        first = first[sample(len(first), poses)]
         few.frames, few.pose = self.frames[first], np.arange(len(first))
         few._points, few._counts = {}, {}
         return few
@@ -188,7 +182,6 @@ class TakeEvidence:
         return self._points[key]
 
     def _prepare(self, keys: Iterable[PointsKey]) -> None:
-        """Compute the rays of several keys at once."""
         missing: dict[tuple[int, int], list[PointsKey]] = {}
         for key in dict.fromkeys(keys):
             if key not in self._points:
@@ -197,28 +190,20 @@ class TakeEvidence:
             self._read(view, owner, wanted)
 
     def _read(self, view: int, owner: int, keys: Sequence[PointsKey]) -> None:
-        camera = self._cameras[owner]
+        camera = self._corrected(owner)
         lens = camera.K[0, [0, 1], [0, 1]], camera.K[0, :2, 2]
         pixels, outside, focal = list[np.ndarray](), list[float](), list[float]()
         for _, _, picture, sides, late in keys:
-            if (owner, picture.window) not in self._windows:
-                shown = corrected(camera, [CameraCorrection(window=picture.window)])
-                scale = np.array([picture.window[0], 1.0])
-                offset = shown.K[0, :2, 2] - scale * camera.K[0, :2, 2]
-                self._windows[owner, picture.window] = scale, offset, shown.image_size[0]
-            scale, offset, size = self._windows[owner, picture.window]
-            size = size * picture.size
+            shown, scale = self._corrected(owner, window=picture.window), np.array([picture.window[0], 1.0])
+            offset, size = shown.K[0, :2, 2] - scale * lens[1], shown.image_size[0] * picture.size
             at = self.frames + late
             xy = self._xy[view, np.clip(at, 0, self.num_frames - 1)]
             if late:
                 xy = np.where(((at >= 0) & (at < self.num_frames))[:, None, None], xy, np.nan)
             xy = xy[:, self._mirror] if sides else xy
             xy = unmirror(xy, picture.turn, size) if picture.mirrored else unturn(xy, picture.turn, size)
-            with np.errstate(invalid="ignore"):
-                near = (xy > -0.03 * size) & (xy < 1.03 * size)
-                inside = near[..., 0] & near[..., 1]
-            seen = np.isfinite(xy[..., 0])
-            outside.append(float((~inside & seen).sum() / max(seen.sum(), 1)))
+            beyond = ((xy < -0.03 * size) | (xy > 1.03 * size)).any(-1)
+            outside.append(float(beyond.sum() / max(np.isfinite(xy[..., 0]).sum(), 1)))
             pixels.append((((xy + 0.5) / picture.size - 0.5) - offset) / scale)
             focal.append(float(np.sqrt(np.prod(lens[0] * scale)) * picture.size))
         xy = np.stack(pixels)
@@ -236,46 +221,48 @@ class TakeEvidence:
         owner, pose, graphics, moved = key
         if moved is not None:
             return np.reshape(moved[:9], (3, 3)), np.array(moved[9:])
-        if key not in self._poses:
-            read = corrected(self._cameras[owner], [CameraCorrection(pose=pose, graphics=graphics)])
-            self._poses[key] = read.R[0], read.t[0]
-        return self._poses[key]
+        read = self._corrected(owner, pose=pose, graphics=graphics)
+        return read.R[0], read.t[0]
+
+    def _corrected(self, owner: int, **change: Any) -> Cameras:
+        key = owner, CameraCorrection(**change)
+        if key not in self._corrections:
+            self._corrections[key] = corrected(self.cameras.subset([owner]), [key[1]])
+        return self._corrections[key]
 
     def key(self, reading: Reading, view: int) -> ViewKey:
         """Return the cache key of a view's evidence."""
-        late = reading.late[view] if reading.late else 0
         owner = reading.owners[view]
-        points = (view, owner, reading.pictures[view], reading.sides[view], late)
-        return points, (owner, reading.pose, reading.graphics, reading.pose_of(view))
+        points = (view, owner, reading.pictures[view], reading.sides[view], reading.late[view])
+        return points, (owner, reading.pose, reading.graphics, reading.moved[view])
 
     def counts(self, readings: Sequence[Reading]) -> np.ndarray:
         """Return (N, BINS) weights per bin of distances for N interpretations."""
-        total = np.zeros((len(readings), BINS))
-        if not readings:
-            return total
-        keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
-        self._prepare(key[0] for row in keys for key in row)
-        left_out = np.array([[view in reading.left_out for view in range(self.views)] for reading in readings])
+        total, keys = np.zeros((len(readings), BINS)), self._keys(readings)
         for i, j in self.pairs:
-            total += self._count([(row[i], row[j]) for row in keys]) * ~(left_out[:, i] | left_out[:, j])[:, None]
+            kept = [not {i, j} & {*reading.left_out} for reading in readings]
+            total += self._count([(row[i], row[j]) for row in keys]) * np.array(kept, bool)[:, None]
         return total
 
     def pair_counts(self, readings: Sequence[Reading], i: int, j: int) -> np.ndarray:
         """Return (N, BINS) weights per bin of the distances between two views."""
-        keys = [(self.key(reading, i), self.key(reading, j)) for reading in readings]
+        return self._count([(row[i], row[j]) for row in self._keys(readings)])
+
+    def _keys(self, readings: Sequence[Reading]) -> list[list[ViewKey]]:
+        """Return the cache keys of all views for each interpretation, and compute their rays."""
+        keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
         self._prepare(key[0] for row in keys for key in row)
-        return self._count(keys)
+        return keys
 
     def _count(self, pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
-        number, missing = self._numbers, dict[tuple[PoseKey, PoseKey], list[tuple[ViewKey, ViewKey]]]()
-        places = [(number.setdefault(a, len(number)), number.setdefault(b, len(number))) for a, b in pairs]
-        for place, pair in dict(zip(places, pairs, strict=True)).items():
-            if place not in self._counts:
+        missing = dict[tuple[PoseKey, PoseKey], list[tuple[ViewKey, ViewKey]]]()
+        for pair in dict.fromkeys(pairs):
+            if pair not in self._counts:
                 missing.setdefault((pair[0][1], pair[1][1]), []).append(pair)
         for poses, wanted in missing.items():
             counted = count_in_bins(self._distances(poses, wanted), self.weight[:, None])
-            self._counts.update(((number[a], number[b]), row) for (a, b), row in zip(wanted, counted, strict=True))
-        return np.stack([self._counts[place] for place in places])
+            self._counts.update(zip(wanted, counted, strict=True))
+        return np.array([self._counts[pair] for pair in pairs]).reshape(-1, BINS)
 
     def _distances(self, poses: tuple[PoseKey, PoseKey], pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
         """Return (S, P, J) signed epipolar distances in person sizes, NaN if not visible in both views."""
@@ -283,14 +270,12 @@ class TakeEvidence:
         rays = [(np.stack([v.rays for v in side]), np.array([v.size for v in side])[:, None, None]) for side in views]
         return epipolar_distances(self.pose_of(poses[0]), self.pose_of(poses[1]), *rays[0], *rays[1])
 
-    def distances(self, reading: Reading) -> np.ndarray:
-        """Return (pairs, P, J) epipolar distances in person sizes, NaN if not visible in both views."""
-        return self.distances_of([reading])[0]
+    def distances(self, readings: Sequence[Reading]) -> np.ndarray:
+        """Return (N, pairs, P, J) epipolar distances in person sizes for N interpretations with equal camera poses.
 
-    def distances_of(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return the distances (N, pairs, P, J) of N interpretations with equal poses."""
-        keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
-        self._prepare(key[0] for row in keys for key in row)
+        Keypoints that are not visible in both views have NaN.
+        """
+        keys = self._keys(readings)
         poses = [pose for _, pose in keys[0]]
         pairs = [self._distances((poses[i], poses[j]), [(row[i], row[j]) for row in keys]) for i, j in self.pairs]
         found = np.stack(pairs, axis=1)
@@ -312,30 +297,17 @@ class TakeEvidence:
         weight = counts.sum(1)
         return (noise.density - UNRELATED) * weight / max(float(weight.max(initial=0.0)), 1e-9), noise
 
-    def nats(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return (N,) log-likelihood ratios relative to unrelated views in nats, 0 without a person."""
-        if not self.poses:
-            return np.zeros(len(readings))
-        ratios, _ = self.likelihoods(readings)
-        best = readings[int(ratios.argmax())]
-        return ratios * self.constraints(best) / self.design_effect(best)
-
     def constraints(self, reading: Reading) -> float:
-        """Return the number of independent constraints between the views."""
-        seen = np.isfinite(self.distances(reading))
-        share = min(1.0, (2 * self.views - 3) / max(len(self.pairs), 1))
-        return float((seen * self.weight[:, None]).sum()) * share
-
-    def design_effect(self, reading: Reading) -> float:
-        """Return the number of distances per independent distance.
+        """Return the number of independent constraints between the views.
 
         Errors common to a pose, and constant offsets of a joint, count as one observation each (Kish 1965).
         """
-        distance = self.distances(reading)
+        everything, distance = (self.distances([one])[0] for one in (replace(reading, left_out=()), reading))
+        total, count = (float((np.isfinite(d) * self.weight[:, None]).sum()) for d in (everything, distance))
         sigma = float(self.noise([reading]).sigma[0])
         z = self.per_pose(np.nan_to_num(np.clip(distance / sigma, -3, 3)), 1)
-        count = max(float((np.isfinite(distance) * self.weight[:, None]).sum()), 1.0)
-        return max(1.0, float((z.sum(2) ** 2).sum() / count + (z.sum(1) ** 2).sum() / count - 1))
+        common = ((z.sum(2) ** 2).sum() + (z.sum(1) ** 2).sum()) / max(count, 1.0) - 1
+        return total * min(1.0, (2 * self.views - 3) / max(len(self.pairs), 1)) / max(1.0, float(common))
 
     def pair_noise(self, reading: Reading) -> tuple[list[tuple[int, int]], Noise]:
         """Return the pairs of views with common keypoints, and the noise of each pair."""
@@ -388,9 +360,7 @@ def agreement_share(cameras: Cameras, detections: Detections) -> float:
     evidence = TakeEvidence(cameras, detections)
     if not evidence.poses or evidence.views < 2:
         return 0.0
-    noise = evidence.quick().noise([Reading.as_written(evidence.views)])
-    sigma = float(noise.sigma[0])
-    return float(1.0 - noise.outliers[0]) if sigma < UNRELATED_NOISE else 0.0
+    return float(evidence.quick().noise([Reading.as_written(evidence.views)]).share[0])
 
 
 def person_size(xy: np.ndarray) -> np.ndarray:
@@ -399,7 +369,7 @@ def person_size(xy: np.ndarray) -> np.ndarray:
     for view, points in enumerate(xy):
         shown = points[np.isfinite(points[..., 0]).sum(-1) >= MIN_POINTS]
         if len(shown):
-            shown = shown[np.unique(np.linspace(0, len(shown) - 1, FRAMES).astype(int))]
+            shown = shown[sample(len(shown), FRAMES)]
             low, high = (quantile(shown, share, 1, "nearest") for share in (0.05, 0.95))
             sizes[view] = max(float(np.median(np.linalg.norm(high - low, axis=-1))), 1e-6)
     return sizes
@@ -414,7 +384,7 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
     frames = np.flatnonzero(seen >= 2)
     if not len(frames):
         return frames, frames
-    frames = frames[np.unique(np.linspace(0, len(frames) - 1, min(FRAMES, len(frames))).astype(int))]
+    frames = frames[sample(len(frames), FRAMES)]
     points = xy[:, frames] / person_px[:, None, None, None]
     apart = _pose_distances(points)
     least = MOVED

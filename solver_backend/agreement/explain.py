@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations, permutations
 from math import perm
 
@@ -13,14 +12,14 @@ import numpy as np
 from solver_backend.agreement.body_evidence import BodyEvidence, judge_body
 from solver_backend.agreement.evidence import (
     BOUND,
+    CENTRES,
     EACH,
     LEAST_CAMERAS,
     MOVED,
     UNRELATED_NOISE,
     UNRELATED_OUTLIERS,
-    Noise,
     TakeEvidence,
-    density_per_bin,
+    log_density,
 )
 from solver_backend.agreement.hypotheses import (
     CAMERA_ROWS,
@@ -41,7 +40,7 @@ from solver_backend.types import Cameras
 BEAM, MOST_FAULTS = 6, 2
 """Interpretations to start from in each round, and largest number of faulty cameras. Twice as many interpretations are
 triangulated, and four times as many are ranked with all poses."""
-AGREED_TIMES = 1.6  # Largest ratio of a pair's noise to the best pair's, if a camera has no fault.
+AGREED_TIMES = UNRELATED_NOISE / MOVED  # Largest ratio of a pair's noise to the best pair's, if no camera has a fault.
 AS_NOISY = 1.2  # Largest ratio of noise at which the simpler of two interpretations with one body wins.
 AS_EXACT = np.log(AS_NOISY)
 """Largest deficit in the mean log density of a fitted view, in nats. It separates 48 simulated moved cameras of eight
@@ -69,15 +68,10 @@ class Scored:
 
     reading: Reading
     epipolar: float  # Log-likelihood ratio relative to unrelated views, nats.
-    cost: float  # Cost of its changes, nats.
-    body: BodyEvidence
     sigma: float  # Noise in person sizes.
     outliers: float
-
-    @property
-    def share(self) -> float:
-        """Return the share of keypoints that agree between views."""
-        return 1.0 - self.outliers if self.sigma < UNRELATED_NOISE else 0.0
+    cost: float  # Cost of its changes, nats.
+    body: BodyEvidence
 
     @property
     def total(self) -> float:
@@ -97,7 +91,6 @@ class Explanation:
     open: tuple[str, ...] = ()  # The two best explanations if neither wins.
     share: float = 0.0  # Share of the keypoints that agree between views.
     share_written: float = 0.0  # The same for the literal interpretation.
-    table: tuple[Scored, ...] = ()  # All scored interpretations, the best first.
 
     @property
     def changed(self) -> bool:
@@ -125,8 +118,6 @@ def explain(
 
 
 class _Search:
-    """Search over interpretations of one capture."""
-
     def __init__(
         self, evidence: TakeEvidence, written: Reading, rows: Sequence[Row], *, names_stated: bool,
         is_alone: bool,
@@ -136,13 +127,11 @@ class _Search:
         self.is_whole = rows is ROWS  # True for a whole take, with the conventions of its files.
         self.rows = [row for row in rows if not (names_stated and row is exchange_names)]
         self.is_alone = is_alone  # Among several people the largest one may differ between views.
-        self.raw_constraints = self.quick.constraints(written)
-        self.constraints = self.raw_constraints
+        self.constraints = self.quick.constraints(written)
         self.effect: float | None = None  # Bone lengths per independent one, for the most likely interpretation.
         self._proposed: dict[tuple[Row, Reading], list[Reading]] = {}
 
     def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
-        """Return interpretations sorted by their quick score, the best first."""
         found = list(dict.fromkeys(readings))
         ratio, _ = (evidence or self.quick).likelihoods(found)
         score = [d * self.constraints - cost_of(r, self.constraints) for d, r in zip(ratio, found, strict=True)]
@@ -165,7 +154,7 @@ class _Search:
         simple = (r for r in common if not r.pictures[0].mirrored and r.correction(0).changes <= 1)
         common += self._propose(named, list(simple))
         alike = self._rank([*self._rank(common, self.scout)[: 4 * BEAM], self.written])
-        self.constraints = self.raw_constraints / self.quick.design_effect(alike[0])
+        self.constraints = self.quick.constraints(alike[0])
         alike = self._rank(alike)
         found, beam = alike[: 2 * BEAM], list(dict.fromkeys([*alike[:BEAM], self.written]))
         for _ in range(MOST_FAULTS):
@@ -178,10 +167,10 @@ class _Search:
             beam, before = list(dict.fromkeys([*found[:BEAM], *plain[:BEAM], self.written])), beam
             if beam == before:
                 break
-            self.constraints = self.raw_constraints / self.quick.design_effect(beam[0])
+            self.constraints = self.quick.constraints(beam[0])
         if self.is_alone and self.is_whole and self.evidence.views > 2:
             found = self._rank([*found, *self._shown(found[0], alike[0])])
-        self.constraints = self.raw_constraints / self.quick.design_effect(found[0])
+        self.constraints = self.quick.constraints(found[0])
         return self._rank(found)
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
@@ -199,16 +188,15 @@ class _Search:
         ratios, noise = self.evidence.likelihoods([*readings, self.written])
         if self.effect is None:
             self.effect = judge_body(self.quick, [*readings, self.written][int(ratios.argmax())]).effect
-        found = list[Scored]()
-        for k, reading in enumerate(readings):
-            cost, body = cost_of(reading, self.constraints), judge_body(self.quick, reading, self.effect)
-            values = float(ratios[k]) * self.constraints, cost, body, float(noise.sigma[k]), float(noise.outliers[k])
-            found.append(Scored(reading, *values))
-        return found
+        nats, noises = (ratios * self.constraints).tolist(), (noise.sigma.tolist(), noise.outliers.tolist())
+        return [
+            Scored(reading, *one, cost_of(reading, self.constraints), judge_body(self.quick, reading, self.effect))
+            for reading, *one in zip(readings, nats, *noises, strict=False)  # without the last one
+        ]
 
     def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:
         """Return whether the other views agree as the files state, with an upright body."""
-        pairs, noise = self._written_noise
+        pairs, noise = self.quick.pair_noise(self.written)
         kept = np.array([not set(pair) & set(left_out) for pair in pairs])
         if not kept.any():
             return False
@@ -218,34 +206,25 @@ class _Search:
         terms = judge_body(self.quick, replace(self.written, left_out=left_out)).terms
         return terms["upright"] > -BOUND and terms["handed"] > -BOUND
 
-    @cached_property
-    def _written_noise(self) -> tuple[list[tuple[int, int]], Noise]:
-        return self.quick.pair_noise(self.written)
-
     def _suspects(self) -> tuple[int, ...]:
         """Return the views that a majority of at least three agreeing views contradicts, or all views.
 
         In the first case the other files have no fault, and no convention common to all files explains these views.
         """
-        views = range(self.quick.views)
-        for count in range(1, min(MOST_FAULTS, (len(views) - 1) // 2) + 1):
-            found = [left_out for left_out in combinations(views, count) if self.agrees_without(left_out)]
-            if found and len(views) - count >= LEAST_CAMERAS:
-                return found[0] if len(found) == 1 else tuple(sorted({view for one in found for view in one}))
-        return tuple(views)
+        views = self.quick.views
+        for count in range(1, min(MOST_FAULTS, (views - 1) // 2, views - LEAST_CAMERAS) + 1):
+            if found := [left_out for left_out in combinations(range(views), count) if self.agrees_without(left_out)]:
+                return tuple(sorted({view for left_out in found for view in left_out}))
+        return tuple(range(views))
 
     def _pairs_agree(self, reading: Reading) -> bool:
-        """Return whether no pair of views is unrelated."""
         _, noise = self.quick.pair_noise(reading)
         return bool(noise.is_related.all())
 
     def _fits(self, reading: Reading) -> bool:
-        """Return whether views with fitted parameters agree as well as the other views do.
-
-        Fitted parameters also make views of another take agree, but less well.
-        """
+        """Return whether views with fitted parameters agree as well as the others. Views of another take agree less."""
         common, _ = reading.common()
-        views = [v for v, p in enumerate(reading.pictures) if reading.pose_of(v) or p.window != common.window]
+        views = [v for v, p in enumerate(reading.pictures) if reading.moved[v] or p.window != common.window]
         if not views:
             return not reading.is_fitted or self._pairs_agree(reading)
         own, rest = self.quick.fits_of(reading, views).density
@@ -272,7 +251,6 @@ class _Search:
             likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
         likely = [reading for reading in dict.fromkeys(likely) if self._fits(reading)]
         table = sorted(self.score(likely), key=lambda s: -s.total)
-        written = next(s for s in table if s.reading == self.written)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
         # All of these explain the capture equally well, so the one with the fewest changes is the most likely.
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), -s.total))
@@ -280,22 +258,18 @@ class _Search:
         leads = ((table[0].total - s.total, self.describe(s.reading)) for s in others)
         margin, runner_up = min(leads, default=(np.inf, ""))
         related = chosen.epipolar >= BOUND
-        agrees = self._pairs_agree(self.written)
-        explanation = Explanation(self.written, (), agrees, margin, runner_up, table=tuple(table))
-        if chosen.reading == self.written:
-            return explanation
-        if not related or margin < BOUND:
-            best = (self.describe(chosen.reading), runner_up) if related else ()
-            return replace(explanation, open=best)
+        if chosen.reading == self.written or not related or margin < BOUND:
+            unsure = related and chosen.reading != self.written
+            best = (self.describe(chosen.reading), runner_up) if unsure else ()
+            return Explanation(self.written, (), self._pairs_agree(self.written), margin, runner_up, best)
         changes = changes_of(chosen.reading)
         rest = self.score([without for *_, without in changes])
         applied = tuple(
             Applied(code, views, meaning, chosen.total - score.total)
             for (code, views, meaning, _), score in zip(changes, rest, strict=True)
         )
-        shares = chosen.share, written.share
-        agrees = self._pairs_agree(chosen.reading)
-        return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), *shares, tuple(table))
+        shares = self.evidence.noise([chosen.reading, self.written]).share.tolist()
+        return Explanation(chosen.reading, applied, self._pairs_agree(chosen.reading), margin, runner_up, (), *shares)
 
     def describe(self, reading: Reading) -> str:
         """Describe an interpretation in text for users."""
@@ -325,29 +299,17 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
     if not evidence.poses:
         return None
     evidence, written = evidence.quick(4 * BEAM), Reading.as_written(count)
-    ways = np.array(list(permutations(range(total), count)))
-    best = ways[np.argsort(-_quick_scores(evidence, ways, total), kind="stable")[: 4 * BEAM]].tolist()
-    best += [by_order] if by_order is not None and by_order not in best else []
-    nats = evidence.nats([replace(written, owners=tuple(owners)) for owners in best])
-    likely = [best[k] for k in np.flatnonzero((nats >= BOUND) & (nats > nats.max() - BOUND))]
-    return by_order if by_order in likely else likely[0] if len(likely) == 1 else None
-
-
-def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.ndarray:
-    """Return (W,) log-likelihoods of assignments, summed over view pairs, for typical noise."""
-    scores, usual, written = (
-        np.zeros(len(ways)),
-        density_per_bin(MOVED, UNRELATED_OUTLIERS),
-        Reading.as_written(evidence.views),
-    )
-    pairs = list(permutations(range(total), 2))
-    for i, j in combinations(range(evidence.views), 2):
-        readings = list[Reading]()
-        for pair in pairs:
-            owners = list(written.owners)
-            owners[i], owners[j] = pair
-            readings.append(replace(written, owners=tuple(owners)))
+    usual, ways = log_density(CENTRES, MOVED, UNRELATED_OUTLIERS), np.array(list(permutations(range(total), count)))
+    pairs, scores = list(permutations(range(total), 2)), np.zeros(len(ways))
+    for i, j in combinations(range(count), 2):
+        readings = [written.with_view(i, owners=a).with_view(j, owners=b) for a, b in pairs]
         table = np.full((total, total), -np.inf)
         table[tuple(np.array(pairs).T)] = evidence.pair_counts(readings, i, j) @ usual
         scores += table[ways[:, i], ways[:, j]]
-    return scores
+    best = ways[np.argsort(-scores, kind="stable")[: 4 * BEAM]].tolist()
+    best += [by_order] if by_order is not None and by_order not in best else []
+    readings = [replace(written, owners=tuple(owners)) for owners in best]
+    ratios, _ = evidence.likelihoods(readings)
+    nats = ratios * evidence.constraints(readings[int(ratios.argmax())])
+    likely = [best[k] for k in np.flatnonzero((nats >= BOUND) & (nats > nats.max() - BOUND))]
+    return by_order if by_order in likely else likely[0] if len(likely) == 1 else None

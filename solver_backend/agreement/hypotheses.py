@@ -14,25 +14,26 @@ from solver_backend.agreement.evidence import BOUND, MOST_ROUNDS, SCALES, STRIDE
 from solver_backend.agreement.reading import MIRROR_MEANINGS, PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS, POSES, TURNS
 
-FREE = (1,), (2, 3), (0, 1), (0, 2, 3), (0, 1, 2, 3)
-"""Parameters that are fitted together: size, width, left edge and top edge."""
-FREE_OF_ONE = (1,), (0, 1)  # The same for a single camera. Its crop would look like a rotation.
+_PARTS = ("size", "width", "left", "top")  # Parameters of images: their size and width, and positions of two edges.
+FREE = ("width",), ("left", "top"), ("size", "width"), ("size", "left", "top"), _PARTS
+"""Parameters that are fitted together."""
+FREE_OF_ONE = ("width",), ("size", "width")  # The same for a single camera. Its crop would look like a rotation.
 CONVERGED = 2e-3  # Step length at which a fit ends, and of numerical derivatives.
 SPREAD = 0.3  # Prior deviation of the logarithms of sizes and widths, and of edges in image heights. Largest step.
 
 
-def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...], views: tuple[int, ...] = ()) -> Reading:
+def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[str, ...], views: tuple[int, ...] = ()) -> Reading:
     """Return the interpretation with the size, width and edges of the images that fit the views best.
 
     Gauss-Newton steps with Geman-McClure weights (1987) minimise the distances from epipolar lines. The parameters
     ``free`` are one of ``FREE``. All ``views`` change equally, by default all.
     """
     views = views or tuple(range(evidence.views))
-    x, changes = np.zeros(4), np.eye(4)[list(free)]  # of size and width the logarithms
+    x, changes = np.zeros(len(_PARTS)), np.array([[part == own for part in _PARTS] for own in free]) * 1.0
     for width in SCALES:
         for _ in range(MOST_ROUNDS):
             readings = [_with(reading, place, views) for place in (x, *(x + CONVERGED * changes))]
-            off = evidence.distances_of(readings).reshape(len(readings), -1)
+            off = evidence.distances(readings).reshape(len(readings), -1)
             off = off[:, np.isfinite(off).all(0)]
             slopes = (off[1:] - off[0]) / CONVERGED
             weighted = slopes / (1 + (off[0] / width) ** 2) ** 2
@@ -57,7 +58,6 @@ def _with(reading: Reading, x: np.ndarray, views: tuple[int, ...]) -> Reading:
 
 
 def _plain(picture: PictureReading) -> PictureReading:
-    """Return the image interpretation without changes that are too small to print."""
     wide, left, top = (
         usual if round(100 * value) == round(100 * usual) else value
         for value, usual in zip(picture.window, AS_CALIBRATED, strict=True)
@@ -83,21 +83,18 @@ def conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose another image size or rotation of one camera, mirrored images or swapped sides."""
     for view in evidence.suspects:
         for size, turn in product(FACTORS, TURNS):
-            yield reading.with_picture(view, replace(reading.pictures[view], size=size, turn=turn))
-    yield from _flipped(evidence, reading)
+            yield reading.with_view(view, pictures=replace(reading.pictures[view], size=size, turn=turn))
 
 
 def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose mirrored images of one camera, swapped sides, or both."""
     for view in evidence.suspects:
         picture, other = reading.pictures[view], not reading.sides[view]
         flipped = replace(picture, mirrored=not picture.mirrored)
-        yield reading.with_picture(view, flipped)
-        yield reading.with_picture(view, flipped, other)
-        yield reading.with_picture(view, picture, other)
+        yield reading.with_view(view, pictures=flipped)
+        yield reading.with_view(view, pictures=flipped, sides=other)
+        yield reading.with_view(view, sides=other)
 
 
 def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
@@ -105,9 +102,7 @@ def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading
     for shift in range(evidence.views):  # also without suspects: most views of a ring agree then
         yield replace(reading, owners=tuple(np.roll(reading.owners, -shift).tolist()))
     for a, b in combinations(evidence.suspects, 2):
-        owners = list(reading.owners)
-        owners[a], owners[b] = owners[b], owners[a]
-        yield replace(reading, owners=tuple(owners))
+        yield reading.with_view(a, owners=reading.owners[b]).with_view(b, owners=reading.owners[a])
 
 
 def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
@@ -126,35 +121,32 @@ def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
-    """Propose that one camera moved after calibration, with its pose fitted to the others."""
-    if evidence.views < 3 or reading.moved:
+    if evidence.views < 3 or any(reading.moved):
         return
     for view in evidence.suspects:
         pose = refit_pose(evidence, reading, view, turned=turned)
         if pose is not None:
-            yield reading.with_pose(view, pose)
+            yield reading.with_view(view, moved=pose)
 
 
 def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """Propose that one camera is late or early by whole frames, first in steps of ``STRIDE``."""
     reach = min(LONGEST_DELAY, evidence.num_frames // 5)
     for view in evidence.suspects[evidence.views == 2 :]:
-        tried = [reading.with_delay(view, lag) for lag in range(-reach, reach + 1, STRIDE)]
-        best = tried[int(evidence.likelihoods(tried)[0].argmax())].late
-        middle = best[view] if best else 0
+        tried = [reading.with_view(view, late=lag) for lag in range(-reach, reach + 1, STRIDE)]
+        middle = tried[int(evidence.likelihoods(tried)[0].argmax())].late[view]
         for lag in range(middle - STRIDE + 1, middle + STRIDE):
             if abs(lag) >= STRIDE:
-                yield reading.with_delay(view, lag)
+                yield reading.with_view(view, late=lag)
 
 
 def _left_out(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose to exclude a camera that nothing explains."""
     if evidence.views > 2 and not reading.left_out:
         for view in evidence.suspects:
             yield replace(reading, left_out=(view,))
 
 
-ROWS: tuple[Row, ...] = (_one_picture, exchange_names)
+ROWS: tuple[Row, ...] = (_one_picture, _flipped, exchange_names)
 CAMERA_ROWS: tuple[Row, ...] = (_late, _moved, _left_out)
 """Hypotheses about a camera instead of files, for cameras that nothing else explains."""
 RANGE_ROWS: tuple[Row, ...] = (_flipped, exchange_names, partial(_moved, turned=True), _left_out)
@@ -176,7 +168,7 @@ def cost_of(reading: Reading, constraints: float) -> float:
             cost += np.log(views) + _picture_cost(picture, common, constraints) + np.log(4) * (exchanged != sides)
     named = sum(owner != view for view, owner in enumerate(reading.owners))
     cost += (named > 0) * np.log(max(views * (views - 1) // 2, 2)) + max(named - 2, 0) * np.log(max(views, 2))
-    cost += sum(lag != 0 for lag in reading.late) * np.log(2 * LONGEST_DELAY * views)
+    cost += np.count_nonzero(reading.late) * np.log(2 * LONGEST_DELAY * views)
     cost += len(reading.left_out) * np.log(views)
     placed = sum(pose is not None for pose in reading.moved)
     placed += sum(picture.window != common.window for picture in reading.pictures)  # rarer than a moved camera
@@ -224,7 +216,7 @@ def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Readin
     for (picture, sides), members in by_kind.items():
         without = reading
         for view in members:
-            without = without.with_picture(view, PLAIN, False)
+            without = without.with_view(view, pictures=PLAIN, sides=False)
         if meaning := picture.correction.meaning():
             changes.append(("calibration_corrected", tuple(members), meaning, without))
         flips = [MIRROR_MEANINGS[picture.turn]] * picture.mirrored + [SIDES_EXCHANGED] * sides
@@ -233,9 +225,7 @@ def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Readin
     named = tuple(view for view, owner in enumerate(reading.owners) if owner != view)
     if named:
         changes.append(("camera_names_exchanged", named, "", replace(reading, owners=everyone)))
-    moved = tuple(view for view in everyone if reading.pose_of(view) is not None)
-    late = tuple(view for view, lag in enumerate(reading.late) if lag)
-    changes += [("camera_late", (view,), "", replace(reading, late=())) for view in late]
-    changes += [("camera_unexplained", (view,), "", replace(reading, left_out=())) for view in reading.left_out]
-    changes += [("camera_placed", (view,), "", replace(reading, moved=())) for view in moved]
+    changes += [("camera_late", (v,), "", reading.with_view(v, late=0)) for v in everyone if reading.late[v]]
+    changes += [("camera_unexplained", (v,), "", replace(reading, left_out=())) for v in reading.left_out]
+    changes += [("camera_placed", (v,), "", reading.with_view(v, moved=None)) for v in everyone if reading.moved[v]]
     return changes

@@ -12,7 +12,16 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.agreement.evidence import EACH, FRAMES, MOST_ROUNDS, MOVED, NEIGHBOURS, SAMPLED_FRAMES, SIGMAS
+from solver_backend.agreement.evidence import (
+    EACH,
+    FRAMES,
+    MOST_ROUNDS,
+    MOVED,
+    NEIGHBOURS,
+    SAMPLED_FRAMES,
+    SIGMAS,
+    UNRELATED_OUTLIERS,
+)
 from solver_backend.agreement.reading import MIN_POINTS, extent
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.geometry.rotations import skew
@@ -24,9 +33,9 @@ Tables = dict[tuple[int, int], np.ndarray]
 LEAST_STRENGTH = 1.0
 """Smallest mean number of matching frames per pair of a camera, times the square of their share. Simulated synchronised
 cameras reach 2.5 to 15, real ones with a poor calibration 1.2 to 5, unrelated cameras up to 0.5."""
-RIVAL_SHARE = 0.7
+RIVAL_SHARE = 1.0 - UNRELATED_OUTLIERS
 """Smallest share of the best gain with which frame numbers win, and with which another offset, rate or interpretation
-counts as an alternative.
+counts as an alternative. Frames match except for the outliers.
 """
 
 
@@ -95,8 +104,6 @@ def rival_offsets(tables: Tables, best: np.ndarray, sure: np.ndarray, near: int)
 
 @dataclass(frozen=True)
 class _ViewPeople:
-    """People of one view in F frames."""
-
     points: np.ndarray  # (F, P, J, 3) normalised points, homogeneous, 0 where unseen.
     extent: np.ndarray  # (F, P) diagonal of the person's box. Infinite if too few points are seen.
 
@@ -187,7 +194,8 @@ class PeopleLags:
     def strengths(self, offsets: np.ndarray) -> np.ndarray:
         """Return the (C,) matching frames of each camera per pair, times their squared share."""
         gained, possible = self.of_cameras(offsets)
-        pairs = np.bincount(np.ravel([*self.gains]), minlength=len(offsets))
+        compared = [pair for pair, table in self.possible.items() if table.any()]
+        pairs = np.bincount(np.ravel(compared).astype(int), minlength=len(offsets))
         return gained / np.maximum(pairs, 1) * (gained / np.maximum(possible, 1e-9)) ** 2
 
 

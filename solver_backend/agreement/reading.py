@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -121,9 +122,13 @@ def extent(xy: np.ndarray) -> np.ndarray:
     return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)
 
 
+def sample(count: int, most: int) -> np.ndarray:
+    """Return up to ``most`` of ``count`` indices, spread evenly from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
+
+
 MIRROR_MEANINGS = ("the images are mirrored", "x and y are swapped", "y counts from the bottom of the images", "")
 """Meaning of mirrored images by quarter turns. The last one does not occur."""
-Change = tuple[object, ...]
 Pose = tuple[float, ...]  # Nine numbers of a rotation by rows and three of a translation, as a hashable tuple.
 
 
@@ -152,53 +157,35 @@ class Reading:
     pictures: tuple[PictureReading, ...]  # One per view.
     owners: tuple[int, ...]  # Calibrated camera of each view.
     sides: tuple[bool, ...]  # Left and right are swapped in the keypoint names of a view.
+    moved: tuple[Pose | None, ...]  # Fitted pose of each view that moved after the calibration, otherwise None.
+    late: tuple[int, ...]  # Delay of each view in frames.
     pose: str = "world to camera"  # Pose convention of the file, one of ``POSES``.
     graphics: bool = False  # The file uses the camera axes of OpenGL and Blender.
-    moved: tuple[Pose | None, ...] = ()
-    """Fitted pose of each view that moved after the calibration, otherwise None. Empty if no view moved."""
-    late: tuple[int, ...] = ()  # Delay of each view in frames. Empty if none is late.
     left_out: tuple[int, ...] = ()  # Views that nothing explains.
 
     @classmethod
     def as_written(cls, views: int) -> Reading:
         """Return the literal interpretation of every file."""
-        return cls((PLAIN,) * views, tuple(range(views)), (False,) * views)
+        return cls((PLAIN,) * views, tuple(range(views)), (False,) * views, (None,) * views, (0,) * views)
 
     @property
     def is_of_one_camera(self) -> bool:
         """Return whether a single camera is moved, late or excluded."""
-        return bool(self.moved or self.late or self.left_out)
+        return any(self.moved) or any(self.late) or bool(self.left_out)
 
     def correction(self, view: int) -> CameraCorrection:
         """Return the correction of a view's calibrated camera."""
         return replace(self.pictures[view].correction, pose=self.pose, graphics=self.graphics)
 
-    def with_picture(self, view: int, picture: PictureReading, sides: bool | None = None) -> Reading:
-        """Return the interpretation with another image, and optionally other sides, of one view."""
-        pictures = (*self.pictures[:view], picture, *self.pictures[view + 1 :])
-        exchanged = self.sides[view] if sides is None else sides
-        return replace(self, pictures=pictures, sides=(*self.sides[:view], exchanged, *self.sides[view + 1 :]))
-
-    def with_pose(self, view: int, pose: Pose) -> Reading:
-        """Return the interpretation with a moved camera."""
-        moved = list(self.moved or (None,) * len(self.pictures))
-        moved[view] = pose
-        return replace(self, moved=tuple(moved))
-
-    def with_delay(self, view: int, frames: int) -> Reading:
-        """Return the interpretation with a view late by this number of frames."""
-        late = list(self.late or (0,) * len(self.pictures))
-        late[view] = frames
-        return replace(self, late=tuple(late) if any(late) else ())
-
-    def pose_of(self, view: int) -> Pose | None:
-        """Return the pose of a moved view, or None."""
-        return self.moved[view] if self.moved else None
+    def with_view(self, view: int, **values: Any) -> Reading:
+        """Return the interpretation with other values of one view, such as ``pictures``."""
+        rows = {name: getattr(self, name) for name in values}
+        return replace(self, **{name: (*row[:view], values[name], *row[view + 1 :]) for name, row in rows.items()})
 
     @property
     def is_fitted(self) -> bool:
         """Return whether a pose or an image crop was fitted to the detections."""
-        return bool(self.moved) or any(picture.window != AS_CALIBRATED for picture in self.pictures)
+        return any(self.moved) or any(picture.window != AS_CALIBRATED for picture in self.pictures)
 
     @property
     def is_uniform(self) -> bool:
@@ -218,7 +205,7 @@ def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) ->
     read = replace(
         read, names=detections.cameras, image_size=_evenly_cut(read.image_size, cameras, detections, reading)
     )
-    if any(pose is not None for pose in reading.moved):
+    if any(reading.moved):
         R, t = read.R.copy(), read.t.copy()
         for view, pose in enumerate(reading.moved):
             if pose is not None:

@@ -177,7 +177,6 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
 
 
 def _walked(points: np.ndarray) -> float:
-    """Return the mean keypoint movement per frame, 0 without keypoints."""
     moved = np.linalg.norm(np.diff(points, axis=1), axis=-1).swapaxes(0, 1).reshape(points.shape[1] - 1, -1)
     moved = moved[np.isfinite(moved).any(-1)]
     return float(quantile(moved, 0.5, axis=-1).mean()) if len(moved) else 0.0

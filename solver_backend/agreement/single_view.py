@@ -19,7 +19,7 @@ LEAST_OUTSIDE = 0.002  # Smallest share of keypoints outside an image with anoth
 LEAST_UPRIGHT = 0.8
 """Smallest cosine of the trunk's angle at which a single view shows an image rotation. The sine of the angle between
 the view and the vertical must exceed the difference to 1, because people below a camera point in all directions."""
-SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables in metres.
+SURFACES_M = (0.0, 1.0)  # Lowest and highest surface for a lying person in metres: floor and treatment table.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Image sizes relative to the calibrated ones.
 UNLIKE_FLOORS = SIZES[::3]  # Sizes that no floor can imitate. A sloping floor 1 m off level looks like 1.5 or 2/3.
 SHOULDER_SHARE = sum(length for *_, length in BONES[:3])  # Height of shoulders above the ankles relative to stature.
@@ -40,8 +40,6 @@ class FoundPictures:
 
 @dataclass(frozen=True)
 class _Stance:
-    """A person in one interpretation of a view's images."""
-
     camera: Cameras
     parts: dict[str, np.ndarray]  # (F, 2) px, midpoints of both hips, shoulders and, if known, ankles.
     outside: float  # Share of all keypoints outside the image.
@@ -73,16 +71,15 @@ class _Stance:
             height = ankles * SHOULDER_SHARE * MEAN_STATURE_M / (shoulders - ankles)
         return float(np.nan_to_num(np.ptp([quantile(height, share, 0) for share in (0.1, 0.9)])))
 
-    def lies(self, heights: np.ndarray) -> bool:
-        """Return whether a surface at one of these heights explains a lying person.
+    def lies(self, heights: tuple[float, ...]) -> bool:
+        """Return whether a surface between these heights explains a lying person.
 
-        The apparent length changes monotonically with the height.
+        The apparent length is proportional to the distance between the camera's height and the surface.
         """
         rays, centre = self.rays(), self.camera.centres[0]
         ends = ([_at_height(ray, centre, height + ANKLE_M) for ray in rays] for height in heights)
-        lengths = [length for a, b in ends if (length := _median(np.linalg.norm(b - a, axis=-1)))]
-        least, most = STATURES_M
-        return bool(lengths) and max(lengths) > SHOULDER_SHARE * least and min(lengths) < most
+        lengths = [_median(np.linalg.norm(b - a, axis=-1)) for a, b in ends]
+        return max(lengths) > SHOULDER_SHARE * STATURES_M[0] and min(lengths) < STATURES_M[1]
 
 
 def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictures | None:
@@ -143,7 +140,6 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
 
 
 def _at_height(ray: np.ndarray, centre: np.ndarray, height: float) -> np.ndarray:
-    """Return the (F, 3) points of rays at a height, NaN if they do not reach it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         far = (height - centre[2]) / ray[:, 2]
         return np.where(far[:, None] > 0, centre + far[:, None] * ray, np.nan)

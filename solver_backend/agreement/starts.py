@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BOUND, EACH, LEAST_NOISE, SAMPLED_FRAMES, STRIDE, TakeEvidence
+from solver_backend.agreement.evidence import EACH, LEAST_NOISE, SAMPLED_FRAMES, STRIDE
 from solver_backend.agreement.hypotheses import SPREAD
 from solver_backend.agreement.lags import LEAST_STRENGTH, RIVAL_SHARE, best_offsets, people_lags, rival_offsets
 from solver_backend.agreement.person_tracks import STEP_SHARE
@@ -55,35 +55,24 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     Row 0 is the first recorded frame of a camera, and ``numbered`` (C,) are the offsets from the frame numbers. The
     solve measures the remaining fractions of a frame.
     """
-    seeing = np.flatnonzero(detections.people().any(axis=1))
-    everybody = tuple(range(len(cameras)))
-    if len(seeing) < 2:
-        return CameraStarts(numbered, StartEvidence.STILL, everybody)
-    names = tuple(cameras.names[c] for c in seeing)
-    part = Detections(names, detections.xy[seeing], detections.confidence[seeing], detections.joint_set)
-    seen = sightings(cameras.subset(seeing.tolist()), part)
-    gains = people_lags(seen.cameras, seen.xy)
-    best = best_offsets(gains.gains, len(seeing))
+    count, seen = len(cameras), sightings(cameras, detections)
+    gains = people_lags(cameras, seen.xy)
+    best = best_offsets(gains.gains, count)
     sure = gains.strengths(best) >= LEAST_STRENGTH
-    doubtful = tuple(seeing[~sure].tolist())
     if sure.sum() < 2:
-        return CameraStarts(numbered, StartEvidence.STILL, everybody)
-    now, then = (gains.of_cameras(offsets, sure)[0] for offsets in (numbered[seeing], best))
+        return CameraStarts(numbered, StartEvidence.STILL, tuple(range(count)))
+    doubtful = tuple(np.flatnonzero(detections.people().any(axis=1) & ~sure).tolist())
+    now, then = (gains.of_cameras(offsets, sure)[0] for offsets in (numbered, best))
     if (now >= RIVAL_SHARE * then)[sure].all():
         return CameraStarts(numbered, StartEvidence.STILL if doubtful else StartEvidence.IN_STEP, doubtful)
-    if open_ := rival_offsets(gains.gains, best, np.flatnonzero(sure), round(REACH_S * fps)):
-        several = tuple(int(seeing[c]) for c in open_)
-        return CameraStarts(numbered, StartEvidence.AMBIGUOUS, several, next(iter(open_.values())))
-    best = best[sure]
-    fine = people_lags(
-        seen.cameras.subset(np.flatnonzero(sure).tolist()), seen.xy[sure], SAMPLED_FRAMES, LEAST_NOISE
-    ).gains
+    if rivals := rival_offsets(gains.gains, best, np.flatnonzero(sure), round(REACH_S * fps)):
+        return CameraStarts(numbered, StartEvidence.AMBIGUOUS, tuple(rivals), next(iter(rivals.values())))
+    fine = people_lags(cameras, seen.xy, SAMPLED_FRAMES, LEAST_NOISE).gains
     for (i, j), table in fine.items():
         changes = np.arange(len(table)) - len(table) // 2 - int(best[j] - best[i])
-        table[np.abs(changes) > STRIDE] = 0.0
-    offsets = numbered.copy()
-    offsets[seeing[sure]] = best[0] + best_offsets(fine, len(best))
-    return CameraStarts(offsets, StartEvidence.APART, doubtful)
+        table[(np.abs(changes) > STRIDE) | ~(sure[i] & sure[j])] = 0.0
+    exact, first = best_offsets(fine, count), int(sure.argmax())
+    return CameraStarts(np.where(sure, best[first] + exact - exact[first], numbered), StartEvidence.APART, doubtful)
 
 
 def strength(cameras: Cameras, detections: Detections) -> float:
@@ -109,7 +98,6 @@ def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None
 
 
 def _differ(one: Reading, other: Reading) -> bool:
-    """Return whether two interpretations differ in more than neighbouring sizes."""
     kinds = [(r.pose, r.graphics, r.pictures[0].turn, r == Reading.as_written(len(r.owners))) for r in (one, other)]
     return kinds[0] != kinds[1] or abs(np.log(one.pictures[0].size / other.pictures[0].size)) > SPREAD
 
@@ -137,7 +125,6 @@ def align_rows(detections: Detections, offsets: np.ndarray, first: int, stop: in
 
 
 def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
-    """Return the (C, N) rows of each camera. Rows that do not exist have no people."""
     beyond, views = (rows < 0) | (rows >= detections.num_frames), np.arange(len(rows))[:, None]
     rows = np.clip(rows, 0, max(detections.num_frames - 1, 0))
     xy, confidence = detections.xy[views, rows], detections.confidence[views, rows]
@@ -174,7 +161,6 @@ def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
 
 
 def _moments(detections: Detections, c: int, rate: float) -> np.ndarray:
-    """Return the fractional row of a camera for every frame of the take."""
     length = detections.lengths[c] if detections.lengths else detections.num_frames
     return np.arange(int((length - 1) / rate) + 1) * rate
 
@@ -202,25 +188,19 @@ def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndar
 CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # Usual frame rates.
 
 
-def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detections) -> np.ndarray:
-    """Return (C,) frames of each camera per frame of the longest one, usually 1.
-
-    Cameras start with their own first frames, but ``numbered`` detections are aligned by frame numbers.
-    """
-    as_they_are, longest = np.ones(len(cameras)), max(detections.lengths, default=0)
+def rates_by_length(cameras: Cameras, detections: Detections) -> np.ndarray:
+    """Return (C,) frames of each camera per frame of the longest one, usually 1."""
+    longest = max(detections.lengths, default=0)
     ratios = np.array([_standard(length, longest) for length in detections.lengths])
-    if (ratios == 1.0).all():
-        return as_they_are
-    resampled, written = nearest_rows(detections, ratios.tolist()), Reading.as_written(len(cameras))
-    then, now = (TakeEvidence(cameras, rows).nats([written])[0] for rows in (resampled, numbered))
-    return ratios if then >= BOUND and then >= now + BOUND else as_they_are
+    differ = (ratios != 1.0).any() and rates_match(cameras, detections, ratios)
+    return ratios if differ else np.ones(len(cameras))
 
 
 def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> bool:
     """Return whether views match better if their (C,) frame rates differ relative to the take's."""
     tried = (nearest_rows(detections, r.tolist()) for r in (rates, np.ones(len(rates))))
     then, now = (strength(cameras, rows) for rows in tried)
-    return now < RIVAL_SHARE * then
+    return then >= LEAST_STRENGTH and now < RIVAL_SHARE * then
 
 
 def _standard(length: int, longest: int) -> float:

@@ -16,44 +16,27 @@ from solver_backend.agreement.evidence import (
     SAMPLED_FRAMES,
     SIGMAS,
     STRIDE,
-    UNRELATED_NOISE,
     count_in_bins,
     epipolar_distances,
     fit_noise,
+    log_density,
 )
 from solver_backend.agreement.hypotheses import CONVERGED, LONGEST_DELAY
 from solver_backend.agreement.lags import LEAST_STRENGTH, best_offsets, people_lags
-from solver_backend.agreement.reading import ENOUGH
+from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, extent, sample
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
-from solver_backend.cameras.robust_triangulation import DEPTH_SIGMA_M, ROBUST_SIGMAS, Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import DEPTH_SIGMA_M, ROBUST_SIGMAS, triangulate
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import LIMBS, Cameras, Keypoints2D
 
 
-@dataclass(frozen=True)
-class DelayStep:
-    """Gauss-Newton step of delays and points."""
-
-    delay: np.ndarray  # (C,) frames.
-    drift: np.ndarray  # (C,) frames from the centre of the take to its end.
-    sigma: np.ndarray  # (C,) standard deviation of the delays.
-    drift_sigma: np.ndarray  # (C,) the same of the drifts.
-    points: np.ndarray  # (N, K, 3) metres.
-
-
-def delay_step(
-    cameras: Cameras,
-    xy: np.ndarray,
-    velocity: np.ndarray,
-    points: np.ndarray,
-    at: np.ndarray,
-    sigma_px: np.ndarray,
-    *,
-    drifting: bool,
-) -> DelayStep:
-    """Return one step of the delays of all cameras.
+def _clock_step(
+    cameras: Cameras, xy: np.ndarray, velocity: np.ndarray, points: np.ndarray, ramps: np.ndarray, sigma_px: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Return one Gauss-Newton step of all delays and drifts, its standard deviation, and the moved points.
 
     A detection of camera c, read ``δ_c + τ ε_c`` frames later, is ``x + (δ_c + τ ε_c) v``. The step minimises ``Σ w |x
     + (δ + τ ε) v - π(X) - J ξ - b|²`` over delays δ, drifts ε, steps of points ξ, and a constant b for every view and
@@ -64,8 +47,11 @@ def delay_step(
         xy: (C, N, K, 2) keypoints in px, NaN where missing.
         velocity: (C, N, K, 2) velocities in px per frame.
         points: (N, K, 3) positions in metres, NaN where unknown.
-        at: (N,) relative time of the frames, from -1 at the take's first frame to 1 at its last.
-        sigma_px: (K,) or (C, N, K) standard deviation of the detections in px.
+        ramps: (D, N) ones for the delays, and the relative times τ from -1 to 1 if the drifts are estimated.
+        sigma_px: (K,) standard deviation of the detections in px.
+
+    Returns:
+        The step (2, C) and its deviation, in frames for delays and drifts, and points (N, K, 3) in metres.
 
     References: Lucas and Kanade 1981 (the shift that aligns two signals), Golub and Pereyra 1973 (the elimination),
     Liang and Zeger 1986 (the covariance).
@@ -83,22 +69,20 @@ def delay_step(
     moved = (spread @ (pull @ velocity[..., None]))[..., 0]
     shift = (spread @ (pull @ error[..., None]).sum(axis=0))[..., 0]
     error = _centred(error - (J @ shift[..., None])[..., 0], weight)
-    kinds = 2 if drifting else 1
-    ramps = np.stack([np.ones_like(at), at])[:kinds]
-    step, sigma = _solved(*_equations(J, moved, velocity, error, weight, ramps), kinds)
-    late = step.T @ ramps
-    points = points + np.nan_to_num(shift - np.einsum("pn,pnkj->nkj", late, moved, optimize=True))
-    none = np.zeros(len(cameras))
-    delay, drift = step if drifting else (step[0], none)
-    return DelayStep(delay, drift, sigma[0], sigma[-1] if drifting else none, points)
+    step, sigma = np.zeros((2, 2, len(cameras)))
+    step[: len(ramps)], sigma[: len(ramps)] = _solved(*_equations(J, moved, velocity, error, weight, ramps), len(ramps))
+    late = step[: len(ramps)].T @ ramps
+    return step, sigma, points + np.nan_to_num(shift - np.einsum("pn,pnkj->nkj", late, moved, optimize=True))
 
 
 def _equations(
     J: np.ndarray, moved: np.ndarray, velocity: np.ndarray, error: np.ndarray, weight: np.ndarray, ramps: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return normal matrices (blocks, B, B) and gradients (blocks, B) per ramp and view.
+    """Return normal matrices (blocks, B, B) and gradients (blocks, B) for B ramps of all views.
 
-    Points that follow the velocity in a view move by (C, N, K, 3). The errors (C, N, K, 2) do not contain their steps.
+    Args:
+        moved: (C, N, K, 3) movement of the points in metres per frame of delay in a view.
+        error: (C, N, K, 2) reprojection errors in px after the step of the points.
     """
     parts = np.array_split(np.arange(error.shape[1]), min(BLOCKS, error.shape[1]))
     size = len(ramps) * len(error)
@@ -117,7 +101,7 @@ def _equations(
 
 
 def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return least-squares steps (kinds, C) with zero mean, and their deviations."""
+    """Return least-squares steps (kinds, C) with zero mean, and their standard deviations."""
     count = normal.shape[-1] // kinds
     total = normal.sum(axis=0)
     alike = np.kron(np.eye(kinds), np.ones((count, count))) * (np.trace(total) / len(total) ** 2)
@@ -169,55 +153,46 @@ class Delays:
 
 
 def estimate_delays(
-    cameras: Cameras, xy: np.ndarray, reach: int, *, located: Triangulation | None = None,
-    rate_sigma: float | None = None, samples: int = SAMPLED_FRAMES, progress: Progress = silent,
+    cameras: Cameras, xy: np.ndarray, reach: int, *, rate_sigma: float | None = None, samples: int = SAMPLED_FRAMES,
+    progress: Progress = silent,
 ) -> Delays:  # fmt: skip
     """Estimate the relative delays of all cameras together.
 
     The evidence of all pairs of views (``people_lags``) gives the delays in whole frames, and says whether a view shows
-    enough. Gauss-Newton steps on the reprojection error (``delay_step``) refine them. They ignore constant offsets of a
-    keypoint between views (calibration errors). A delay must be better than zero delay in consecutive time blocks.
-    Frames need two views.
+    enough. Gauss-Newton steps on the reprojection error refine them. They ignore constant offsets of a keypoint between
+    views (calibration errors). A delay must be better than zero delay in consecutive time blocks. Only frames with
+    detections in two views count.
 
     Args:
         xy: (C, F, K, 2) keypoints in px of limbs of one or more people, NaN where missing.
         reach: largest lag between two cameras in frames.
-        located: triangulation of the detections without delays, if available.
         rate_sigma: prior deviation of the cameras' rates. If None, only large and certain drifts are estimated.
         samples: frames used in the steps with four views. More views need fewer.
     """
-    count, num_frames = xy.shape[:2]
-    shared = np.flatnonzero(np.isfinite(xy[..., 0]).any(2).sum(axis=0) > 1)
-    frames = shared[_sampled(len(shared), max(samples * 4 // max(count, 4), 100))]
+    (count, num_frames), seen = xy.shape[:2], np.isfinite(xy[..., 0])
+    shared = np.flatnonzero(seen.any(2).sum(axis=0) > 1)
+    unknown = np.full(count, np.nan)
+    still = Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown, np.tile([-reach, reach], (count, 1)))
+    if len(shared) < ENOUGH:
+        return still
+    frames = shared[sample(len(shared), max(4 * samples // max(count, 4), FRAMES))]
     tracks = smoothed_tracks(xy)
     usual = USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
-    if located is None:
-        seen = xy[:, _sampled(num_frames, SAMPLED_FRAMES)]
-        sigma_px = triangulate(cameras, seen, np.isfinite(seen[..., 0]).astype(float)).sigma_px
-    else:
-        sigma_px = located.sigma_px
-    sigma_px = np.minimum(sigma_px, usual)
+    sigma_px = np.minimum(triangulate(cameras, xy[:, frames], seen[:, frames].astype(float)).sigma_px, usual)
     evidence = people_lags(cameras, undistort(cameras, tracks)[:, :, None], reach=reach)
     whole = best_offsets(evidence.gains, count)
     moving = (evidence.strengths(whole) >= LEAST_STRENGTH) & _moving(tracks, frames, sigma_px)
-    if len(shared) < ENOUGH or moving.sum() < 2:
-        unknown = np.full(count, np.nan)
-        return Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown, np.tile([-reach, reach], (count, 1)))
+    if moving.sum() < 2:
+        return still
     lags = np.where(moving, whole - _median(whole[moving]), 0.0)
     beyond = np.abs(lags) > reach - STRIDE
-    rays = _Rays(cameras.subset(np.flatnonzero(moving).tolist()), tracks[moving], shared[_sampled(len(shared), FRAMES)])
-    if located is None or lags.any():
-        shifted = tracks_at(tracks, frames + lags[:, None])
-        points = triangulate(cameras, shifted, np.isfinite(shifted[..., 0]).astype(float), sigma_px).points
-    else:
-        points = np.asarray(located.points)[frames]
-    found = _converged(cameras, tracks, frames, lags, points, sigma_px, rate_sigma, progress)
-    delay, drift, sigma, drift_sigma = found
-    late = delay[:, None] + drift[:, None] * place_in_take(rays.frames, num_frames)
-    late = np.where((moving & ~beyond)[:, None], late, 0.0)
+    (delay, drift), (sigma, drift_sigma) = _refine(cameras, tracks, frames, lags, sigma_px, rate_sigma, progress)
     confirmed = moving.copy()
     if rate_sigma is None:
-        confirmed[moving] = rays.beats_in_step(late[moving])
+        compared, seeing = shared[sample(len(shared), FRAMES)], cameras.subset(np.flatnonzero(moving).tolist())
+        late = delay[:, None] + drift[:, None] * place_in_take(compared, num_frames)
+        late = np.where(beyond[:, None], 0.0, late)[moving]
+        confirmed[moving] = _beats_in_step(seeing, tracks[moving], compared, late)
     known = moving & ~beyond & (sigma < LEAST_DELAY_FRAMES) & confirmed
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     if rate_sigma is None:
@@ -228,102 +203,91 @@ def estimate_delays(
     return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond, drift_sigma, possible)
 
 
-@dataclass(frozen=True)
-class _Rays:
-    """Rays of moving views in sampled frames, for likelihoods of delays."""
+def _beats_in_step(cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, late: np.ndarray) -> np.ndarray:
+    """Return a (C,) mask of views that agree better at their delays (C, N) in most time blocks.
 
-    cameras: Cameras
-    tracks: np.ndarray  # (C, F, K, 2) px.
-    frames: np.ndarray  # (N,) frames to compare.
+    With slow movement the likelihood is flat, and its maximum is not significant although the slopes suggest it. The
+    standard deviation is unknown for a view in one or two time blocks, so its delay must be testable and better than
+    none.
 
-    def _at(self, view: int, late: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return rays (L, N, K, 3) of a view at (L, N) delays, and the person's size on the unit plane."""
-        times, place = np.unique(self.frames + late, return_inverse=True)
-        flat = undistort(self.cameras.subset([view]), _view_at(self.tracks[view], times)[None])[0]
-        flat = flat[place.reshape(late.shape[0], -1)]
-        extent = np.nanmax(flat, axis=2, initial=-9.0) - np.nanmin(flat, axis=2, initial=9.0)
-        extent = np.linalg.norm(extent, axis=-1)[np.isfinite(flat[..., 0]).sum(-1) > 2]
-        size = float(np.median(extent)) if len(extent) else 1.0
-        return np.concatenate([flat, np.where(np.isfinite(flat[..., :1]), 1.0, np.nan)], axis=-1), size
+    Args:
+        tracks: (C, F, K, 2) keypoints in px.
+        frames: (N,) frames to compare.
+    """
 
-    def _distances(self, i: int, j: int, one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> np.ndarray:
-        """Return signed distances (L, N, K) in person sizes, minus each keypoint's offset."""
-        first, second = ((self.cameras.R[v], self.cameras.t[v]) for v in (i, j))
+    def rays_of(view: int, late: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return rays (N, K, 3) at (N,) delays, and the person's size on the unit plane."""
+        (flat,) = undistort(cameras.subset([view]), _view_at(tracks[view], frames + late)[None])
+        size = extent(flat)[np.isfinite(flat[..., 0]).sum(-1) >= MIN_POINTS]
+        rays = np.concatenate([flat, np.where(np.isfinite(flat[..., :1]), 1.0, np.nan)], axis=-1)
+        return rays, float(np.median(size)) if len(size) else 1.0
+
+    def distances(i: int, j: int, one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> np.ndarray:
+        """Return signed distances (N, K) in person sizes, minus each keypoint's constant offset."""
+        first, second = ((cameras.R[view], cameras.t[view]) for view in (i, j))
         found = epipolar_distances(first, second, *one, *other)
-        known = np.isfinite(found)
-        weight, centre = known.astype(float), np.zeros((*found.shape[:1], 1, found.shape[2]))
-        for _ in range(3):
-            total = np.maximum(weight.sum(1, keepdims=True), 1e-9)
-            centre = np.where(known, weight * np.where(known, found, 0.0), 0.0).sum(1, keepdims=True) / total
-            weight = known / (1.0 + (np.where(known, found - centre, 0.0) / UNRELATED_NOISE) ** 2)
-        return found - centre
+        return found - quantile(found, 0.5, axis=0)
 
-    def beats_in_step(self, late: np.ndarray) -> np.ndarray:
-        """Return a (C,) mask of delays that explain most time blocks better than none.
-
-        With slow movement the likelihood is flat, and its maximum is not significant although the slopes suggest it.
-        The standard deviation is unknown for a view in one or two time blocks, so its delay must be testable and better
-        than none.
-        """
-        count = len(late)
-        late = late - _median(late.mean(axis=1))
-        shown = np.isfinite(self.tracks[..., 0]).any(-1)[:, self.frames]
-        confirmed = np.sum([part.any(1) for part in np.array_split(shown, BLOCKS, axis=1)], axis=0) > 2
-        doubtful = np.flatnonzero(np.abs(late.mean(axis=1)) >= LEAST_DRIFT_FRAMES)
-        views = [self._at(view, late[view][None]) for view in range(count)] if len(doubtful) else []
-        for view in doubtful:
-            gains, alone = list[np.ndarray](), self._at(view, np.zeros((1, 1)))
-            for i, j in compared_pairs(count, EACH, NEIGHBOURS):
-                if view in (i, j):
-                    then = self._distances(i, j, views[i], views[j])[0]
-                    now = self._distances(i, j, *(alone if v == view else views[v] for v in (i, j)))[0]
-                    noise = fit_noise(count_in_bins(then[None], np.ones(1)))
-                    gain = noise.log_density(then) - noise.log_density(now)
-                    both = np.isfinite(gain)
-                    mean = np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
-                    gains.append(np.where(both.any(-1), mean, np.nan))  # no value without a comparison
-            moved = np.abs(late[view]) >= LEAST_DRIFT_FRAMES  # A drift begins with no delay.
-            table = np.stack(gains)[:, moved]
-            blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
-            means = np.array([np.nanmean(block) for block in blocks if block.size])
-            if len(means):  # a single block with much motion must not decide
-                means = np.minimum(means, max(float(np.median(means)), 0.0))
-            error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
-            confirmed[view] = len(means) > 2 and means.mean() > SIGMAS * error
-        return confirmed
+    count, late = len(late), late - _median(late.mean(axis=1))
+    shown = np.isfinite(tracks[..., 0]).any(-1)[:, frames]
+    confirmed = np.sum([part.any(1) for part in np.array_split(shown, BLOCKS, axis=1)], axis=0) > 2
+    doubtful = np.flatnonzero(np.abs(late.mean(axis=1)) >= LEAST_DRIFT_FRAMES)
+    views = [rays_of(view, late[view]) for view in range(count)] if len(doubtful) else []
+    for view in doubtful:
+        gains, alone = list[np.ndarray](), rays_of(view, np.zeros(1))
+        for i, j in compared_pairs(count, EACH, NEIGHBOURS):
+            if view in (i, j):
+                then = distances(i, j, views[i], views[j])
+                now = distances(i, j, *(alone if v == view else views[v] for v in (i, j)))
+                noise = fit_noise(count_in_bins(then[None], np.ones(1)))
+                gain = np.subtract(*(log_density(off, noise.sigma, noise.outliers) for off in (then, now)))
+                both = np.isfinite(gain)
+                mean = np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
+                gains.append(np.where(both.any(-1), mean, np.nan))  # no value without a comparison
+        moved = np.abs(late[view]) >= LEAST_DRIFT_FRAMES  # A drift begins with no delay.
+        table = np.stack(gains)[:, moved]
+        blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
+        means = np.array([np.nanmean(block) for block in blocks if block.size])
+        confirmed[view] = len(means) > 2
+        if confirmed[view]:
+            means = np.minimum(means, max(float(np.median(means)), 0.0))  # one block with much motion must not decide
+            confirmed[view] = means.mean() > SIGMAS * means.std(ddof=1) / np.sqrt(len(means))
+    return confirmed
 
 
-def _converged(
-    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray, points: np.ndarray,
-    sigma_px: np.ndarray, rate_sigma: float | None, progress: Progress,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Return delays, drifts and their deviations, each (C,), starting from whole frames."""
+def _refine(
+    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, lags: np.ndarray, sigma_px: np.ndarray,
+    rate_sigma: float | None, progress: Progress,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return delays and drifts (2, C), and their standard deviations, from lags in whole frames."""
     place, half = place_in_take(frames, tracks.shape[1]), 0.5 * tracks.shape[1]
-    drift, drifting, found = np.zeros(len(delay)), rate_sigma is not None, None
+    ramps, clocks = np.stack([np.ones_like(place), place]), np.stack([lags, np.zeros_like(lags)])
+    shifted, drifting = tracks_at(tracks, frames + lags[:, None]), rate_sigma is not None
+    points = triangulate(cameras, shifted, np.isfinite(shifted[..., 0]).astype(float), sigma_px).points
 
-    def one_step(*, drifting: bool) -> DelayStep:
-        times = frames + delay[:, None] + drift[:, None] * place
+    def one_step(*, drifting: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        times = frames + clocks.T @ ramps
         velocity = 0.5 * (tracks_at(tracks, times + 1.0) - tracks_at(tracks, times - 1.0))
-        return delay_step(cameras, tracks_at(tracks, times), velocity, points, place, sigma_px, drifting=drifting)
+        return _clock_step(cameras, tracks_at(tracks, times), velocity, points, ramps[: 1 + drifting], sigma_px)
 
+    sigma = np.zeros_like(clocks)
     for number in range(MOST_ROUNDS):
         progress(STAGE, number, MOST_ROUNDS)
-        found = one_step(drifting=drifting)
-        points, step = found.points, np.clip([found.delay, found.drift], -1.0, 1.0)
-        before, delay, drift = drift, delay + step[0], drift + step[1]
+        step, sigma, points = one_step(drifting=drifting)
+        before, clocks = clocks, clocks + np.clip(step, -1.0, 1.0)
         if rate_sigma is not None:  # the prior pulls where the step of the data ends
-            drift = drift / (1.0 + (found.drift_sigma / (rate_sigma * half)) ** 2)
-        if max(np.abs(step[0] - _median(step[0])).max(), np.abs(drift - before).max()) < CONVERGED:
+            clocks[1] /= 1.0 + (sigma[1] / (rate_sigma * half)) ** 2
+        changes = step[0] - _median(step[0]), clocks[1] - before[1]
+        if np.abs(changes).max() < CONVERGED:
             if drifting:
                 break
-            tried = one_step(drifting=True)
-            least = np.maximum(LEAST_DRIFT_FRAMES, BOUND * tried.drift_sigma)
-            drifting = bool((np.abs(tried.drift - _median(tried.drift)) > least).any())
+            tried, tried_sigma, _ = one_step(drifting=True)
+            least = np.maximum(LEAST_DRIFT_FRAMES, BOUND * tried_sigma[1])
+            drifting = bool((np.abs(tried[1] - _median(tried[1])) > least).any())
             if not drifting:
                 break
     progress(STAGE, MOST_ROUNDS, MOST_ROUNDS)
-    assert found is not None
-    return delay, drift, found.sigma, found.drift_sigma
+    return clocks, sigma
 
 
 def place_in_take(frames: np.ndarray, num_frames: int) -> np.ndarray:
@@ -368,23 +332,14 @@ def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.
 
 def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
     """Return (C, F, K, 2) tracks after a running median and a low-pass filter."""
-    around = _windows(xy, len(SMOOTHING))
-    count = np.isfinite(around[..., 0, :]).sum(-1)
-    middle = np.take_along_axis(np.sort(around, axis=-1), np.maximum(count - 1, 0)[..., None, None] // 2, axis=-1)
-    track = np.where((count >= 3)[..., None], middle[..., 0], np.nan)
-    return _windows(track, len(SMOOTHING)) @ SMOOTHING
 
+    def around(track: np.ndarray) -> np.ndarray:
+        padded = np.pad(track, ((0, 0), (half, half), (0, 0), (0, 0)), constant_values=np.nan)
+        return np.lib.stride_tricks.sliding_window_view(padded, len(SMOOTHING), axis=1)
 
-def _windows(track: np.ndarray, length: int) -> np.ndarray:
-    """Return the (C, F, K, 2, length) values around each frame, NaN beyond the ends."""
-    half = length // 2
-    padded = np.pad(track, ((0, 0), (half, half), (0, 0), (0, 0)), constant_values=np.nan)
-    return np.lib.stride_tricks.sliding_window_view(padded, length, axis=1)
-
-
-def _sampled(num_frames: int, count: int) -> np.ndarray:
-    """Return at most this number of frames, spread over the take."""
-    return np.unique(np.linspace(0, num_frames - 1, min(count, num_frames)).round().astype(int))
+    half = len(SMOOTHING) // 2
+    enough = np.isfinite(around(xy)).sum(-1) > half
+    return around(np.where(enough, quantile(around(xy), 0.5, axis=-1, method="lower"), np.nan)) @ SMOOTHING
 
 
 def tracks_at(tracks: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -402,5 +357,4 @@ def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def _median(values: np.ndarray) -> float:
-    """Return the lower median, 0 for an empty array."""
     return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0

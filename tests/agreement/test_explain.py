@@ -11,8 +11,8 @@ import pytest
 
 from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence, count_in_bins, fit_noise
-from solver_backend.agreement.explain import AS_EXACT, Explanation, explain
-from solver_backend.agreement.hypotheses import FREE, fit_window, one_window
+from solver_backend.agreement.explain import AS_EXACT, Explanation, _Search, explain
+from solver_backend.agreement.hypotheses import FREE, ROWS, fit_window, one_window
 from solver_backend.agreement.reading import PLAIN, Detections, PictureReading, Reading, apply_reading
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
@@ -241,13 +241,13 @@ def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> No
 
 
 def test_only_a_camera_that_contradicts_all_others_is_searched() -> None:
-    found = explain(CAMERAS, half(detections(), (1,)))
-    everybody = [scored.reading for scored in found.table]
+    evidence = TakeEvidence(CAMERAS, half(detections(), (1,)))
+    everybody = _Search(evidence, WRITTEN, ROWS, names_stated=False, is_alone=True).search()
     turns = {tuple(np.roll(EVERY, k).tolist()) for k in range(1, 4)}
     assert {r.owners for r in everybody} == {EVERY} | turns, "in a ring, neighbours' names leave most views agreeing"
     readings = [reading for reading in everybody if reading.owners == EVERY]
     assert {r.pose for r in readings} == {WRITTEN.pose}
-    assert all(r.pictures[view] == PLAIN and not (r.late and r.late[view]) for r in readings for view in (0, 2, 3))
+    assert all(r.pictures[view] == PLAIN and not r.late[view] for r in readings for view in (0, 2, 3))
     assert {r.left_out for r in readings} <= {(), (1,)} and len(readings) > 4
 
 
@@ -289,7 +289,7 @@ def lacks(seen: Detections) -> list[float]:
     evidence = TakeEvidence(CAMERAS, seen).quick()
     evidence.suspects = (1,)
     pose = refit_pose(evidence, WRITTEN, 1)
-    fitted = [*one_window(evidence, WRITTEN), *([] if pose is None else [WRITTEN.with_pose(1, pose)])]
+    fitted = [*one_window(evidence, WRITTEN), *([] if pose is None else [WRITTEN.with_view(1, moved=pose)])]
     densities = [evidence.fits_of(reading, [1]).density for reading in fitted]
     return [float(rest - own) for own, rest in densities]
 
@@ -303,7 +303,7 @@ def late(seen: Detections) -> Detections:
 def test_a_late_camera_is_late_and_nothing_else() -> None:
     found = explain(CAMERAS, late(detections()))
     assert [(a.code, a.views) for a in found.applied] == [("camera_late", (1,))]
-    assert replace(found.reading, late=()) == WRITTEN
+    assert replace(found.reading, late=WRITTEN.late) == WRITTEN
 
 
 @pytest.mark.parametrize(

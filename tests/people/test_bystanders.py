@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.agreement.label_swaps import exclude_bystanders
+from solver_backend.agreement.view_faults import exclude_bystanders
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 from tests.support.scenes import detected, ring_of_cameras, walker

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.hypotheses import SIDES_EXCHANGED, exchanged_pair
-from solver_backend.agreement.label_swaps import exclude_bystanders, undo_swaps
 from solver_backend.agreement.reading import ENOUGH, limb_keypoints
 from solver_backend.agreement.repeated_frames import (
     LEAST_REPEATED,
@@ -22,9 +21,11 @@ from solver_backend.agreement.synchronisation import estimate_delays, reach_fram
 from solver_backend.agreement.view_faults import (
     BRIEF_S,
     ViewFault,
+    exclude_bystanders,
     exclude_views,
     repair_views,
     turned_by,
+    undo_swaps,
     without_faults,
 )
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
@@ -132,8 +133,7 @@ def _in_time(
     reach = min(reach_frames(keypoints.fps), keypoints.num_frames // 3)
     limbs = limb_keypoints(keypoints.joint_set)
     xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)
-    located = None if others else triangulation.of_keypoints(np.array(limbs))
-    delays = estimate_delays(cameras, xy, reach, located=located, progress=progress)
+    delays = estimate_delays(cameras, xy, reach, progress=progress)
     drifting = np.nan_to_num(delays.drift) != 0
     moved, count = delays.moved, keypoints.num_frames
     whole, found = [(0, count - 1)], list[Diagnostic]()

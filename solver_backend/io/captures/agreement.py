@@ -235,7 +235,7 @@ class Agreeing:
         found = explain(cameras, seen, names_stated=bool(options.camera or options.offset))
         if found.changed and (seen.people() > 1).any():  # the largest person may differ between the views
             written = strength(cameras, seen)
-            if strength(*apply_reading(cameras, seen, replace(found.reading, late=()))) < written:
+            if strength(*apply_reading(cameras, seen, found.reading)) < written:
                 as_written, agrees = Reading.as_written(len(cameras)), written >= LEAST_STRENGTH
                 return replace(found, reading=as_written, applied=(), agrees=agrees)
         return found
@@ -266,8 +266,8 @@ class Agreeing:
     def apply(self, found: Explanation, options: ReadOptions) -> Agreeing:
         """Apply an explanation, and report it."""
         if found.changed:  # delays below a frame are measured elsewhere
-            names = self.detections.cameras
-            return self.read(replace(found.reading, late=()), options).report(*_report(names, found))
+            in_step = replace(found.reading, late=Reading.as_written(len(found.reading.late)).late)
+            return self.read(in_step, options).report(*_report(self.detections.cameras, found))
         if not found.open:
             return self
         return self.report(diagnostic("explanations_open", one=found.open[0], other=found.open[1]))
@@ -301,7 +301,7 @@ def bring_to_agreement(
     stated = stated_ratios(rates, fps)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     if searched and (stated == 1).all():
-        relative = rates_by_length(calibration.cameras, detections, as_numbered(detections))
+        relative = rates_by_length(calibration.cameras, detections)
         ratios, is_open = of_the_take(relative)
         files = files.at_rates(ratios, fps, is_open=is_open and options.fps is None)
     numbered = replace(files, in_time=InTime(as_numbered(files.detections)))
@@ -342,7 +342,7 @@ def _read_one_view(files: Agreeing, options: ReadOptions) -> Agreeing:
             hands[..., :2] = unturn(hands[..., :2], turn, size)
         files = files.with_detections(replace(seen, xy=unturn(seen.xy, turn, size), hands=hands))
     else:
-        files = files.read(Reading.as_written(1).with_picture(0, found.picture), options)
+        files = files.read(Reading.as_written(1).with_view(0, pictures=found.picture), options)
     return replace(files, turned=files.detections is not seen)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.label_swaps import EXCHANGED, limb_columns
+from solver_backend.agreement.view_faults import EXCHANGED, limb_columns
 from solver_backend.body.body import Body
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.faults import DetectorFaults, autoregressive, bursts

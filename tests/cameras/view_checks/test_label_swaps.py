@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.label_swaps import EXCHANGED, exchanged, limb_columns, undo_swaps
+from solver_backend.agreement.view_faults import EXCHANGED, exchanged, limb_columns, undo_swaps
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.synthesis.embedded.demo import demo_capture, tripods
 from solver_backend.types import Capture, Keypoints2D

@@ -252,7 +252,7 @@ def test_what_undoes_a_views_fault_undoes_it_in_the_hands() -> None:
     cameras, hands = capture.cameras, keypoints.hands
     assert cameras is not None and hands is not None
     written, at = Reading.as_written(len(cameras)), slice(0, 5)
-    flipped = written.with_picture(1, PictureReading(mirrored=True), True)
+    flipped = written.with_view(1, pictures=PictureReading(mirrored=True), sides=True)
     mirrored = without_faults(cameras, keypoints, flipped, at).hands
     assert mirrored is not None
     np.testing.assert_allclose(mirrored[1, :, 0, :, 0], cameras.image_size[1, 0] - 1 - hands[1, :, 1, :, 0])
@@ -265,7 +265,7 @@ def test_what_undoes_a_views_fault_undoes_it_in_the_hands() -> None:
     pose = (*(R @ cameras.R[1]).ravel().tolist(), *(R @ cameras.t[1]).tolist())
     hand_as_body = replace(keypoints, xy=np.tile(hands[:, :, 0, :1, :2], (1, 1, keypoints.xy.shape[2], 1)))
     seen = replace(hand_as_body, confidence=np.ones(keypoints.xy.shape[:3]))
-    turned = without_faults(cameras, seen, written.with_pose(1, pose), at)
+    turned = without_faults(cameras, seen, written.with_view(1, moved=pose), at)
     assert turned.hands is not None
     np.testing.assert_allclose(turned.hands[1, :, 0, 0, :2], turned.xy[1, :, 0])
     assert np.abs(turned.hands[1, :, 0, 0, 0] - hands[1, :, 0, 0, 0]).min() > 10
