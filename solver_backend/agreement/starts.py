@@ -146,23 +146,19 @@ def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
 
 def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
     """Return every camera at the take's rate, interpolated if two frames show one person."""
-    count = len(detections.cameras)
-    result = nearest_rows(detections, rates)
-    lengths = detections.lengths or (detections.num_frames,) * count
-    kept = []
+    result, kept = nearest_rows(detections, rates), list[int]()
     for c, rate in enumerate(rates):
-        kept.append(int((lengths[c] - 1) / rate) + 1)
+        moments = _moments(detections, c, rate)
+        kept.append(len(moments))
         if rate != 1.0:
-            _interpolate(detections, result, c, _moments(detections, c, rate))
-    firsts = detections.first_frames or (detections.first_frame,) * count
-    firsts = tuple(round(first / rate) for first, rate in zip(firsts, rates, strict=True))
+            _interpolate(detections, result, c, moments)
+    firsts = tuple(round(first / rate) for first, rate in zip(detections.starts.tolist(), rates, strict=True))
     apart = len(set(firsts)) > 1 or len(set(kept)) > 1
     return replace(result, first_frames=firsts if apart else (), lengths=tuple(kept) if apart else ())
 
 
 def _moments(detections: Detections, c: int, rate: float) -> np.ndarray:
-    length = detections.lengths[c] if detections.lengths else detections.num_frames
-    return np.arange(int((length - 1) / rate) + 1) * rate
+    return np.arange(int((int(detections.counts[c]) - 1) / rate) + 1) * rate
 
 
 def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndarray) -> None:
