@@ -152,14 +152,14 @@ def _events_of_foot(
 
 
 def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
-    """Return the fractional frame after ``first`` when the heel stops falling, or an empty list."""
+    """Find the fractional frame after ``first`` at which the heel stops falling. Return a list of at most one."""
     part = fall[first : first + int(LANDING_S * fps) + 1]
     landed = np.flatnonzero((part[:-1] < -LANDING_M_S) & (part[1:] >= -LANDING_M_S))
     return [first + int(k) + float((-LANDING_M_S - part[k]) / (part[k + 1] - part[k])) for k in landed[:1]]
 
 
 def _turns(curve: np.ndarray, reach: float) -> list[int]:
-    """Return turning points of a curve (F,) that differ by at least ``reach``, and frame 0."""
+    """Return frame 0 and the extremes of a curve (F,) between which it rises or falls by at least ``reach``."""
     slope = np.diff(curve)
     extremes = np.flatnonzero(slope[1:] * slope[:-1] <= 0.0) + 1
     found, at, rises = [0], 0, None
@@ -176,7 +176,7 @@ def _turns(curve: np.ndarray, reach: float) -> list[int]:
 
 
 def _vertex(curve: np.ndarray, at: int) -> float:
-    """Return the maximum of a parabola through three values, as an offset from the middle."""
+    """Refine a maximum at frame ``at`` by a parabola through three frames. Return the offset from ``at``."""
     before, here, after = curve[at - 1 : at + 2]
     return float(0.5 * (before - after) / min(before - 2.0 * here + after, -1e-12))
 
@@ -184,7 +184,7 @@ def _vertex(curve: np.ndarray, at: int) -> float:
 def _strides(
     side: str, strikes: np.ndarray, offs: np.ndarray, heel: np.ndarray, pelvis: np.ndarray, fps: float
 ) -> list[Stride]:
-    """Return the strides with exactly one toe-off. Their length comes from the foot's swing relative to the pelvis."""
+    """Return the strides with exactly one toe-off. Their length is NaN if the pelvis stays in place (treadmill)."""
     found, frames = [], np.arange(len(heel)) / fps
 
     def way(points: np.ndarray, start: float, end: float) -> float:
@@ -201,10 +201,10 @@ def _strides(
 
 
 def mean_cycles(angles: Angles, gait: Gait, fps: float) -> dict[str, Float[np.ndarray, "points 2"]]:
-    """Average each angle over all gait cycles: mean and standard deviation, (101, 2) in degrees.
+    """Return the mean and standard deviation (101, 2) of each angle in degrees, from 0 to 100 % of the gait cycle.
 
-    Angles of one side are averaged over this side's cycles, and all others over the right foot's cycles. Angles without
-    cycles are omitted.
+    Angles of the left side are averaged over the left foot's strides, and all other angles over the right foot's
+    strides. An angle is omitted if its foot has no strides.
     """
     share, times, found = np.linspace(0.0, 1.0, CYCLE_POINTS), np.arange(len(angles.degrees)) / fps, {}
     for k, name in enumerate(angles.names):

@@ -46,10 +46,9 @@ def turn_covariance(
 ) -> Float[Array, "frames segments 3 3"]:
     """Return (F, S, 3, 3) covariances in rad² of each segment's rotation relative to its parent.
 
-    ``C = A P Aᵀ + c² I``, where P is the covariance of the pose. A combines the rotations d of the joints between the
-    two segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the rotation due to constant errors at both ends of the segment's
-    bone. The axes are those of the parent segment's joint, or the world axes for the pelvis. Joints outside the pose
-    add nothing.
+    ``C = A P Aᵀ + c² I``, where P is the covariance of the pose. A sums the small rotations d_k of the joints between
+    the two segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the deviation in radians due to constant errors at both ends
+    of the segment's bone. C is in the axes of the parent segment's joint, or in world axes for the pelvis.
 
     Args:
         local: rotations of joints 1..n.
@@ -87,7 +86,7 @@ def _bone(body: Body, joint: int) -> tuple[float, int]:
 
 
 def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames segments"]:
-    """Convert deviations of joints (F, J) in metres to those of segments (F, S) in radians."""
+    """Convert joint position deviations (F, J) in metres to segment rotation deviations (F, S) in radians."""
     recorded, found = list(body.recorded_joints), []
     for _, joint in SEGMENTS.values():
         j = body.layout.joints.index(joint)
@@ -140,7 +139,8 @@ def anatomical_frames(
     from the body model.
 
     Args:
-        worn: (3,) offset in the rest frame from the body's landmark to the person's, in metres, by location.
+        worn: for each location with a marker, the offset (3,) of the marker from the body model's landmark, in metres
+          in the rest pose.
     """
     right, up, forward = -np.eye(3)[0], np.eye(3)[1], np.eye(3)[2]
     if not worn.keys() >= set(_PELVIS_PLACES):  # A plane that moves at only one edge would tilt.
@@ -184,7 +184,7 @@ def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def _centres(body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return joints' rest positions by name. Hinges are midway between palpated landmarks."""
+    """Return the rest position of each joint. Knees, ankles and elbows are midway between their palpated landmarks."""
     at = dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
     names = tuple(side + place for places in PALPATED.values() for place in places for side in "LR")
     skin = _skin(body, betas, names, {})
@@ -229,7 +229,7 @@ class PosedSegments:
         return round(float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))))
 
     def relative(self, segment: str) -> np.ndarray:
-        """Return a segment's rotations (F, 3, 3) relative to its parent, reflected if left."""
+        """Return a segment's rotations (F, 3, 3) relative to its parent. Left segments are mirrored."""
         above = SEGMENTS[segment][0]
         turns = self.rotations[segment]
         turns = turns if above == "ground" else np.swapaxes(self.rotations[above], -1, -2) @ turns
@@ -244,8 +244,9 @@ level rest pose: 20 to 34 degrees in four arms (``PiG_Motion-FlatFoot-*``, Biome
 def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarray:
     """Return the rotation (3, 3) about the upper arm's y axis that aligns z with the hinge.
 
-    The hinge is perpendicular to both long axes (Wu et al. 2005, 2.3.5). It is the average over the take, weighted by
-    the sine of the bend. If the elbow bends too little, an average angle is assumed.
+    The elbow's hinge is perpendicular to the long axes of upper arm and forearm (Wu et al. 2005, 2.3.5). The hinge
+    directions of all frames are averaged, weighted by the sine of the elbow's bend. If the mean bend is less than
+    ``BENT_DEG``, the rotation is ``HINGE_DEG``.
     """
     normal = np.cross(upper[..., 1], forearm[..., 1])
     bend = np.linalg.norm(normal, axis=-1).mean()
@@ -258,8 +259,8 @@ def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarr
 def posed_segments(motion: Motion, body: Body) -> PosedSegments:
     """Compute the anatomical segments of a motion.
 
-    If all iliac spines have markers, the pelvis is the rigid body that best fits the spines on the posed skin. The bone
-    does not bend with the hips as the skin does. In squats, the pelvis joint is 10 degrees off (``squats1``).
+    If all four iliac spines have markers, the pelvis rotation is the best rigid fit to the spines on the posed skin,
+    not the rotation of the body model's pelvis joint. The joint's rotation is 10 degrees off in squats (``squats1``).
 
     Raises:
         MotionInvalid: the motion is for another body, or the body does not have the SMPL family's joints.
@@ -311,7 +312,10 @@ def without_fingers(motion: Motion, body: Body) -> Motion:
 
 
 def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
-    """Return covariances (F, 3, 3) in rad² by segment, NaN at rest, or None if unknown."""
+    """Return each segment's rotation covariances (F, 3, 3) in rad², with NaN where the pose is assumed to be at rest.
+
+    Return None if the motion has no covariances.
+    """
     if motion.turn_covariance is None:
         return None
     found, layout = unpacked(motion.turn_covariance.astype(np.float64)), motion.body_layout

@@ -92,7 +92,7 @@ def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _margin(touching: np.ndarray, centre: np.ndarray) -> float:
-    """Return the signed distance from c to the edge of the points' convex hull: ``min_u (max_i u·p_i - u·c)``."""
+    """Return the distance from c to the edge of the points' hull, positive inside: ``min_u (max_i u·p_i - u·c)``."""
     if not len(touching):
         return np.nan
     angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)

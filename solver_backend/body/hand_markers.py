@@ -38,7 +38,7 @@ _LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORE
 
 
 def hand_place(label: str) -> tuple[int, str] | None:
-    """Return the side (0 left, 1 right) and place of a label such as ``L_FT2``, or None."""
+    """Return the side (0 left, 1 right) and place of a hand marker such as ``L_FT2``, or None for other labels."""
     match = _LABEL.fullmatch(label.rsplit(":", 1)[-1].strip())
     return None if match is None else (("l", "r").index(match[1][0].lower()), match[2].upper())
 

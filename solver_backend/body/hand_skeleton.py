@@ -182,7 +182,7 @@ class HandSkeleton:
         return PosedHand(frames, joints, self._axes(frames, angles))
 
     def _axes(self, frames: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return (F, A, 3) rotation axes: flexion about -z, then spread (y), then twist (x)."""
+        """Return (F, A, 3) axes of the finger angles: flexion about -z, then spread (y), then twist (x)."""
         before, after = frames[:, FINGER_OF, JOINT_OF], frames[:, FINGER_OF, JOINT_OF + 1]
         sign, kind = side_sign(self.side), KIND_OF[:, None]
         flexion = angles[:, FLEXION_OF, None]
@@ -235,7 +235,7 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return the (F, L, 3, 3) frames of the points' segments. They are the points' derivatives w.r.t. their offsets."""
+    """Return the (F, L, 3, 3) axes of each point's segment, which are also the point's derivative by its offset."""
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
 
@@ -260,7 +260,7 @@ PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])  # (2, 90) pairs of bones from 
 
 @dataclass(frozen=True)
 class FingerGaps:
-    """Distances between P pairs of bones from different fingers in F frames."""
+    """Overlaps and nearest points of P pairs of bones from different fingers in F frames."""
 
     depth: Float[np.ndarray, "frames pairs"]  # (F, P) metres by which two bones overlap, negative if they do not.
     along: Float[np.ndarray, "frames pairs 2"]  # (F, P, 2) nearest points, as fractions along each bone.
@@ -268,7 +268,10 @@ class FingerGaps:
 
 
 def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
-    """Return the overlaps ``r_a + r_b - d`` of capsules around finger bones, for (F, 21, 3) ``HAND_POINTS``."""
+    """Measure how far capsules around finger bones overlap, ``r_a + r_b - d``, for (F, 21, 3) ``HAND_POINTS``.
+
+    r_a and r_b are the radii of two capsules, scaled by the palm's length, and d is the distance of their bones.
+    """
     radius = np.repeat(RADIUS_M, 3)
     palm = np.linalg.norm(points[:, 9] - points[:, 0], axis=-1)[:, None]
     (a, b), (c, d) = (np.moveaxis(points[:, BONES[bones]], 2, 0) for bones in PAIRS)

@@ -18,16 +18,16 @@ MARGIN_DEG = 15.0  # Tolerance at both ends, for differences between people (10 
 
 
 def excess_deg(local: Array) -> Array:
-    """Return (N, 21) degrees by which joints 1..21 exceed their range plus margin, or 0."""
+    """Return the degrees (N, 21) by which joints 1..21 exceed their range plus a margin, or 0 for joints within it."""
     return _beyond(swing_and_twist(local) * (180.0 / np.pi), _LOW, _HIGH)
 
 
 def posture_excess_deg(local: Array) -> Array:
-    """Return the same excess degrees (N, 21), with a measure for knees that bend deeply.
+    """Return excess degrees (N, 21) as ``excess_deg`` does, but measure knees by the shin's direction.
 
-    People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, heels up), and the
-    swing axis tilts. Near 180 degrees a tilted axis barely moves the shin sideways. Knees therefore use the shin's
-    direction d: flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``. Priors and training use ``excess_deg``.
+    People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, heels up). Near
+    180 degrees, a tilt of the knee's swing axis barely moves the shin sideways. The flexion of the knees is therefore
+    ``atan2(-d_z, -d_y)``, and their sideways angle is ``asin(d_x)``, with the shin's unit direction d.
     """
     xp = array_namespace(local)
     if local.shape[0] > _POSES:

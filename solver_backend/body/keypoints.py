@@ -74,12 +74,12 @@ def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
 
 
 def keypoint_rules() -> dict[str, tuple[str, Rule]]:
-    """Return the side and rule, by name, of the keypoints that all detectors share."""
+    """Return the side and the landmark rule of each keypoint, for detectors without rules of their own."""
     return _COMMON
 
 
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
-    """Return another layout's joints as landmarks on a body. Raise ``BodyInvalid`` if one has no counterpart."""
+    """Return a layout's joints as landmarks on a body. Raise ``BodyInvalid`` if the body lacks one of them."""
     chosen = list(body.layout.standing_for(layout))
     one_hot = np.eye(body.layout.num_joints)[chosen]
     joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]

@@ -54,7 +54,7 @@ def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float
 
 
 def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
-    """Select the axis-angles (F, R - 1, 3) that motions store, with 0 where missing."""
+    """Select the axis-angles (F, r, 3) of the r joints that motions of a body store. Missing joints get 0."""
     own = np.array(body.recorded_joints[1:]) - 1
     pose = np.zeros((len(vectors), len(own), 3))
     turned = own < vectors.shape[1]

@@ -32,7 +32,8 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
 def read_label_places(path: Path | str) -> dict[str, str]:
     """Read each label's location. Empty text excludes a marker, and null gives no entry.
 
-    A location is a name in the layouts, ``@`` and the joint of the marker's bone, or a hand location such as ``L_FT2``.
+    A location is a marker name from the layouts, a bone such as ``@left_knee`` (the joint where the bone starts), or a
+    hand location such as ``L_FT2``.
 
     Raises:
         FileMissing, FileDamaged: the file does not exist or has another format.
@@ -49,7 +50,7 @@ def read_label_places(path: Path | str) -> dict[str, str]:
 
 
 def places_given(layout: str) -> dict[str, str]:
-    """Read locations from the file ``layout`` (see ``read_label_places``), or {} without one."""
+    """Read the location of each label from a file (see ``read_label_places``). An empty path gives no locations."""
     return read_label_places(layout) if layout else {}
 
 

@@ -34,12 +34,15 @@ class Sides:
     letters: tuple[Letters, ...]  # Pairs of letters, one pair per language, English first.
 
     def by_token(self, letters: Letters = ENGLISH) -> dict[str, str]:
-        """Return the side (L or R) of each word and letter that means a side when it is separate."""
+        """Map the words and letters that mean a side, when they are separate from the name, to L or R."""
         short = {word: side for pair in self.short for word, side in zip(pair, "LR", strict=True)}
         return short | self.words | dict(letters)
 
     def apart(self, label: str, letters: Letters) -> tuple[str, str] | None:
-        """Split a separate side off a label, as in ``M5_G`` or ``liM5``. Return the side and the rest, or None."""
+        """Split a label such as ``M5_G`` or ``liM5`` into its side (L or R) and its name without the side.
+
+        Return None if the label has no side that is separate from the name.
+        """
         by_token = self.by_token(letters)
         for pattern in _APART:
             found = pattern.fullmatch(label)
@@ -51,8 +54,9 @@ class Sides:
     def glued(self, names: Sequence[str], letters: Letters) -> dict[str, tuple[str, str]]:
         """Split labels that end in a side, as in ``ASISr`` or ``KNIEli``, into side and name.
 
-        A single ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). Either the other
-        side's label must exist while no label ends in m, or ``LEAST_GLUED`` pairs must prove the meaning of the ending.
+        A last letter alone does not prove a side, as in ``HEEL``. A label is split if the label for the other side also
+        exists, or if the ending separates at least ``LEAST_GLUED`` other labels in this way. It is never split if there
+        is a label for the medial marker (``ARMl`` next to ``ARMm`` is lateral).
         """
         there, found = set(names), dict[str, tuple[str, str]]()
         shown: Counter[str] = Counter()
@@ -72,7 +76,7 @@ class Sides:
         return found
 
     def _endings(self, letters: Letters) -> Iterator[tuple[str, str, str]]:
-        """Yield (ending, ending for the other side, side), with short words before letters."""
+        """Yield each ending that means a side, the other side's ending, and the side (L or R). Words come first."""
         for left, right in (*self.short, (letters[0][0], letters[1][0])):
             for one, other, side in ((left, right, "L"), (right, left, "R")):
                 for spell in (str.upper, str.lower):
@@ -127,7 +131,7 @@ class LabelWords:
     phrases: dict[tuple[str, ...], tuple[str, ...]]  # Locations by the sorted words that name them, without side.
 
     def of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, list[str]]:
-        """Split a label into a side (or "") and known words. If a word is unknown, there are no words."""
+        """Split a label into a side ("" for none) and known words. The list is empty if a word is unknown."""
         for pattern in _TOKENS:
             side, words = self._of_tokens([token.upper() for token in pattern.findall(spelt(label))], letters)
             if words:
@@ -185,17 +189,17 @@ class LabelWords:
         return self.of(f"{label[-1:]} {label[:-1]}") if label[-1:] in ("L", "R") else ("", [])
 
     def places_of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, ...]:
-        """Return the locations whose phrase consists of exactly a label's words."""
+        """Return the locations that are described by exactly the words in a label, in any order."""
         side, words = self.of(label, letters)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))
 
     def lacks_side(self, label: str) -> bool:
-        """Return whether a label names a location that exists on both sides, but no side."""
+        """Return whether a label names a location on either side, such as ``KNEE``, without stating the side."""
         return bool(self.without_side(label))
 
     def without_side(self, label: str) -> tuple[str, ...]:
-        """Return the locations, without side, that a label names if it does not say left or right."""
+        """Return the locations (without side) that a label may name if it does not state a side that it needs."""
         side, words = self.of(label)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words and not side else ()
         return () if any(part[0] == "-" for part in parts) else parts

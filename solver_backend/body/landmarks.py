@@ -200,7 +200,7 @@ def _applied(matrices: Array, vectors: Array) -> Array:
 
 
 def _corrected_by_tangents(xp: Any, pairs: _LandmarkPairs, local: Array) -> Array:
-    """Return ``D_k vec([e_a]x R_k)`` as (F, 3, 3, Q), by rest axis and tangent."""
+    """Return ``D_k vec([e_a]x R_k)`` (F, 3, 3, Q) by rest axis and tangent a, for Q pairs with pose correctives D_k."""
     frames = local.shape[0]
     R = xp.reshape(xp.permute_dims(local[:, [k - 1 for k in pairs.corrected]], (1, 0, 2, 3)), (-1, frames, 9))
     moved = xp.reshape(xp.matmul(R, constant(pairs.corrective, R)), (len(pairs.corrected), frames, 9, -1))
@@ -231,7 +231,7 @@ def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _Landm
 
 
 def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
-    """Return the joints with correctives, the correctives padded to equal width, and indices of the real columns."""
+    """Return the joints with correctives, the correctives padded to equal width, and indices of the columns in use."""
     joints = tuple(int(k) for k in np.flatnonzero(corrected.any(0)))
     width = int(corrected.sum(0).max(initial=0))
     # D_k vec([e_a]x R) = D' vec(R): the cross product is folded into the constant.
@@ -306,7 +306,7 @@ def pose_landmarks(
 
 
 def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Array | None) -> Array:
-    """Return the (L, J, 3) levers h in metres, the share of each landmark's position on each bone."""
+    """Return the (L, J, 3) levers h in metres, for the landmark positions ``y_l = p_root + sum_c G_c h_lc``."""
     levers = constant(_rest_levers(body, landmarks), betas)
     levers = levers + xp.matmul(constant(_shape_levers(body, landmarks), betas), betas)
     if offsets is None:
@@ -315,10 +315,11 @@ def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Ar
 
 
 def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return the constant part h of the levers, which map joint rotations to landmarks.
+    """Return the levers h of ``_levers`` at rest, or their derivatives w.r.t. the shape.
 
-    ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)``, where s is the weight at or below a joint.
-    ``joints`` (J, ...) are rest joints or derivatives w.r.t. the shape, and ``anchors`` (L, J, ...) correspond to them.
+    ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)``, where s_lj is the sum of the weights of joint j
+    and all joints below it. ``joints`` (J, ...) and ``anchors`` a (L, J, ...) are positions at rest, or derivatives
+    w.r.t. the shape.
     """
     extra = (1,) * (joints.ndim - 1)
     levers = anchors - weights.reshape(*weights.shape, *extra) * joints

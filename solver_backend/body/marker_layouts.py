@@ -53,14 +53,14 @@ class LayoutFile:
 
     @cached_property
     def places_read(self) -> dict[tuple[str, Letters], tuple[str, ...]]:
-        """Cache of the locations of names, by name and side letters."""
+        """Cache for the locations that names mean. The keys are names and the letters that mean sides."""
         return {}
 
     def place_of(self, label: str) -> str | None:
-        """Return the location that a label names, or None.
+        """Return the location that a label names, or None if the layouts do not list the label.
 
-        Prefixes, case and punctuation are ignored, and the side may come first or last: ``Anna:l_asis``, ``ASIS.L`` and
-        ``Left ASIS`` are the same location.
+        The subject name, case and punctuation are ignored. The side may come first or last: ``Anna:l_asis``, ``ASIS.L``
+        and ``Left ASIS`` are the same location.
         """
         return next((self.names[key] for key in keys_of(label) if key in self.names), None)
 
@@ -158,7 +158,7 @@ def _key(bare: str) -> str:
 
 
 def keys_of(label: str) -> Iterator[str]:
-    """Yield the keys that may list a label, each with its side first."""
+    """Yield the forms of a label that the layouts may list: as written, then with its side as first letter."""
     yield label_key(label)
     if found := _SIDE_LAST.fullmatch(_bare(label)):
         yield (found[2] or found[3])[0] + re.sub(r"[^A-Z0-9]", "", found[1])

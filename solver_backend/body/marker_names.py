@@ -103,7 +103,8 @@ class LabelContext:
 def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
     """Find the rules for reading a recording's labels.
 
-    A prefix or suffix is removed if this more than doubles the number of known names, and adds at least ``least``.
+    A prefix or suffix is removed if this more than doubles the number of recognised labels, and recognises at least
+    ``least`` more.
     """
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
     best = _context(bare, file, Affixes())
@@ -126,13 +127,13 @@ def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelCo
 
 
 def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
-    """Return how many names are known with the given side letters, or 0 unless both sides occur."""
+    """Count the names that are recognised with the given side letters. Return 0 if only one side occurs."""
     sides = Counter(place[0] for name in names for place in _by_side(file, name, letters)[:1])
     return min(sides["L"], sides["R"]) and sides["L"] + sides["R"]
 
 
 def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
-    """Return the locations of a name that may mark its side with ``letters``. Results are cached."""
+    """Return the locations of a name, read with the given side letters. Results are cached."""
     known = file.places_read
     if (name, letters) not in known:
         if len(known) >= MOST_READ:
@@ -155,7 +156,7 @@ def _count(context: LabelContext, labels: Iterable[str]) -> int:
 
 
 def _counted_through(names: Iterable[str]) -> frozenset[str]:
-    """Return the names in a numbered series, such as ``T1`` to ``T41``, that goes beyond any vertebra."""
+    """Return the names in numbered series with more numbers than there are vertebrae, such as ``T1`` to ``T41``."""
     numbers: dict[str, dict[str, int]] = {}
     for name in names:
         if found := _NUMBERED.fullmatch(name):
@@ -207,9 +208,10 @@ def is_unnamed(label: str) -> bool:
 
 
 def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyType({})) -> MarkerNames:
-    """Find the body locations of a recording's labels. A listed name wins over other names for the same location.
+    """Find the body locations of a recording's labels.
 
-    The labels of a skeleton's joint centres are recognised together (see ``joint_centre_places``).
+    If several labels name the same location, one that the layouts list is preferred. The labels of a skeleton's joint
+    centres are recognised together (see ``joint_centre_places``).
 
     Args:
         own: maps labels to user-defined locations, which always win: a name in the layouts, ``@`` and a bone's joint
@@ -260,7 +262,10 @@ _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE
 
 
 def named_bone(label: str) -> str | None:
-    """Return the first joint of the bone that a label, or its subject prefix, names. Return None if there is none."""
+    """Return the joint where the bone starts that a label or its subject name describes, such as ``left_knee``.
+
+    Return None if neither describes a bone.
+    """
     words = load_layouts().words
     prefix = label.rpartition(":")[0]
     return _bone(bare_label(label), words) or (_bone(prefix, words) if prefix else None)
@@ -283,10 +288,11 @@ _TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}  # Endings
 
 
 def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-    """Locate limb labels without a side, by the position of their markers relative to the trunk.
+    """Find the side of limb labels that do not state it, and return the location of each label.
 
-    Pairs of labels with sides, such as both ASIS, define the sides of the trunk. The result is empty without such a
-    pair, if labels state a side, or if there are markers on both sides of the median plane.
+    Left and right markers with known locations, such as both ASIS, define the median plane. The result is empty if
+    there is no such pair, if the markers are not all clearly on one side of the plane, or if there are fewer than
+    ``LEAST_LABELS``. Labels of a limb that other labels name with a side are ignored.
 
     Args:
         own: maps labels to user-defined locations, which always win.
@@ -311,9 +317,9 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
 
 
 def _parts(bare: Mapping[str, str]) -> dict[str, str]:
-    """Return the location, without side, of each label whose location is clear.
+    """Return the location, without side, of each label that can mean only one location.
 
-    A label with several possible locations takes the one that is on a limb that other labels name.
+    If a label has several possible locations, it means the one on a limb that an unambiguous label names.
     """
     words, there = load_layouts().words, set(bare.values())
     several: dict[str, tuple[str, ...]] = {}
@@ -334,7 +340,7 @@ def _parts(bare: Mapping[str, str]) -> dict[str, str]:
 
 
 def _to_the_left(cloud: MarkerCloud, pairs: Sequence[tuple[str, str]], labels: Sequence[str]) -> np.ndarray:
-    """Return the median distances in metres of markers to the left of the plane between left and right labels."""
+    """Return each marker's median distance in metres to the left of the median plane between the pairs."""
     column = {label: i for i, label in enumerate(cloud.labels or ())}
     left, right = (cloud.positions[:, [column[pair[side]] for pair in pairs]].mean(axis=1) for side in (0, 1))
     across = (left - right) / np.maximum(np.linalg.norm(left - right, axis=-1, keepdims=True), 1e-9)

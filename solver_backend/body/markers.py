@@ -56,7 +56,7 @@ def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 
 def skin_normals(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return outward unit normals (L, 3) of the skin at markers at rest, or 0 for bones."""
+    """Return the outward unit normals (L, 3) of the skin at markers on the resting body, or 0 for points inside it."""
     on, off = (
         LandmarkBuilder(body, _rules_of(names, distance)).build(names).anchors.sum(axis=1) for distance in (0.0, 1.0)
     )

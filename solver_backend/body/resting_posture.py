@@ -27,10 +27,10 @@ ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}  # The same ratio along the trunk, 
 def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple[str, ...]) -> np.ndarray:
     """Replace the local rotations of the given body parts by a relaxed posture.
 
-    The trunk is upright on the pelvis, and the head on the trunk. An upper arm hangs in the direction
-    ``(o, -(max(-g_y, 0) + k), max(g_z, 0))`` in the chest's axes (left, up, front), where g is gravity in these axes
-    and o points outwards. It points down while the trunk leans forward, and never through or behind the trunk. Thighs
-    hang from the pelvis in the same way.
+    The trunk is upright on the pelvis, and the head is upright on the trunk. An upper arm hangs in the direction
+    ``(o, -(max(-g_y, 0) + k), max(g_z, 0))`` in the chest's axes (left, up, front). g is the direction of gravity in
+    these axes, o points away from the trunk, and k is ``ALONG_TRUNK``. The arm therefore points down while the trunk
+    leans forward, and never through or behind the trunk. Thighs hang from the pelvis in the same way.
 
     Args:
         root: (F, 3, 3) body to world, Z up.
@@ -55,7 +55,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
 
 
 def _bend(name: str, joint: str) -> np.ndarray:
-    """Return the rotation vector of a relaxed joint, about the left axis or, for elbows, the vertical axis."""
+    """Return a relaxed joint's rotation vector. Elbows bend about the vertical axis, others about the left axis."""
     angle = np.radians(FLEXION_DEG.get(name, 0.0))
     if name == "elbow":
         return np.array([0.0, -angle if joint.startswith("left") else angle, 0.0])
@@ -63,7 +63,7 @@ def _bend(name: str, joint: str) -> np.ndarray:
 
 
 def _hanging(frame: np.ndarray, name: str, side: float) -> np.ndarray:
-    """Return unit directions (F, 3) of a hanging limb in frames of the trunk or pelvis."""
+    """Return the unit directions (F, 3) in which a limb hangs, in the axes of the trunk or pelvis (F, 3, 3)."""
     gravity = -frame[:, 2]
     down = np.maximum(-gravity[:, 1], 0.0) + ALONG_TRUNK[name]
     outwards = side * (ASIDE[name] * down + np.maximum(side * gravity[:, 0], 0.0))

@@ -42,7 +42,7 @@ def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
 
 
 def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> Float[np.ndarray, "n 21 3"] | None:
-    """Return (F, 21, 3) ``HAND_POINTS`` of one hand (0 left, 1 right), or None without it."""
+    """Return (F, 21, 3) ``HAND_POINTS`` of one hand (0 left, 1 right), or None if too many joints are missing."""
     name = SIDES[side]
     index = {role: motion.names.index(joint) for role, joint in roles.items() if role.startswith(f"{name}_")}
     if not all(f"{name}_{finger}_{_BONES}" in index for finger in _NEEDED) or f"{name}_hand" not in index:
@@ -77,7 +77,7 @@ def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) ->
 
 
 def _tip(motion: SkeletonMotion, bones: list[int]) -> np.ndarray:
-    """Return a fingertip (F, 3): a joint of the skeleton, or extrapolated from the rest pose."""
+    """Return a fingertip's positions (F, 3). Without a joint at the tip, extrapolate the finger's bones."""
     last = bones[-1]
     ends = [j for j, parent in enumerate(motion.parents) if parent == last]
     ends = [j for j in ends if np.linalg.norm(motion.rest[j] - motion.rest[last]) > 0]

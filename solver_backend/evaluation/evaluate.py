@@ -34,7 +34,7 @@ from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D, Marker
 
 
 def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: float = 6.0) -> np.ndarray:
-    """Return the baseline: triangulated keypoints (F, K, 3) in metres, after ``butterworth``.
+    """Triangulate keypoints and filter them with ``butterworth``, as a baseline. Return points (F, K, 3) in metres.
 
     Gaps are interpolated. A keypoint that is never triangulated is NaN.
     """
@@ -79,7 +79,7 @@ def _second_order_section(w: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarray:
-    """Filter a signal with one second-order section, which starts in the steady state of the first sample."""
+    """Run a second-order filter section over a signal (F, ...), as if the first sample had been constant before."""
     b, a = section
     out = np.empty_like(signal)
     x1 = x2 = y1 = y2 = signal[0]
@@ -126,12 +126,12 @@ class Evaluation:
 
     @property
     def mpjpe_ratio(self) -> float | None:
-        """Mean error of joints or keypoints, whichever is larger, divided by the baseline's."""
+        """MPJPE of the joints or of the keypoints, whichever is larger, divided by the MPJPE of the baseline."""
         return _ratio((self.joints_mpjpe_mm, self.keypoints_mpjpe_mm), self.baseline_mpjpe_mm)
 
     @property
     def accel_ratio(self) -> float | None:
-        """Acceleration error of joints or keypoints, whichever is larger, divided by the baseline's."""
+        """Acceleration error of the joints or keypoints, whichever is larger, divided by the baseline's error."""
         return _ratio((self.joints_accel_m_s2, self.keypoints_accel_m_s2), self.baseline_accel_m_s2)
 
     def figures(self) -> dict[str, float]:
@@ -190,7 +190,8 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     the times of the motion's frames.
 
     Raises:
-        MotionInvalid: the capture has neither, or the motion has other frames or joints.
+        MotionInvalid: the capture has neither ground truth nor joint centres, or its frames or joints do not match
+          the motion's.
     """
     capture = capture.named
     reference = "joints" not in capture.truth
@@ -233,7 +234,7 @@ def _of_truth(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray,
 
 
 def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the points (F, N, 3) that the motion and reference share, and their names."""
+    """Return the motion's points and the reference's points (F, N, 3) for the N names that both have, and the names."""
     markers = capture.markers
     seen = np.isfinite(markers.positions).all(-1).any(0) if markers else ()
     labels = (markers and markers.labels) or ()
@@ -277,7 +278,7 @@ def _at_frames(markers: MarkerCloud, columns: list[int], motion: Motion) -> np.n
 
 
 def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return foot skating of SMPL's toes. The floor is the lowest height of the true toes."""
+    """Return the foot skating of SMPL's toes, found and true. The floor is at the lowest height of the true toes."""
     if names != SMPL.joints:
         return {}
     toes = [names.index(name) for name in ("left_foot", "right_foot")]
@@ -306,7 +307,7 @@ def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_codes(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Return FID and DIV in VPoser's latent space. Return nothing for few frames or missing weights."""
+    """Return FID and DIV in VPoser's latent space, or {} if there are too few frames or no VPoser weights."""
     if len(found) < CODED_FRAMES:
         return {}
     try:

@@ -53,7 +53,7 @@ def device_of(like: Array) -> Any:
 
 
 def constant(value: Any, like: Array) -> Array:
-    """Convert ``value`` to an array of the same kind, type and device as ``like``."""
+    """Convert ``value`` to a NumPy array or torch tensor with the data type and device of ``like``."""
     return array_namespace(like).asarray(value, dtype=like.dtype, device=device_of(like))
 
 
@@ -77,24 +77,25 @@ def index(values: np.ndarray, like: Array) -> Array:
 
 
 def zeros(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
-    """Return zeros of the same kind, type (unless given) and device as ``like``."""
+    """Return a NumPy array or torch tensor of zeros, with the data type (by default) and device of ``like``."""
     return array_namespace(like).zeros(shape, dtype=dtype or like.dtype, device=device_of(like))
 
 
 def empty(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
-    """Return an uninitialised array with the kind, device and (by default) type of ``like``."""
+    """Return an uninitialised NumPy array or torch tensor, with the data type (by default) and device of ``like``."""
     return array_namespace(like).empty(shape, dtype=dtype or like.dtype, device=device_of(like))
 
 
 def identity(size: int, like: Array, dtype: Any = None) -> Array:
-    """Return the (n, n) identity, of the same kind, type (unless given) and device as ``like``."""
+    """Return the (n, n) identity matrix, with the library, data type (by default) and device of ``like``."""
     return array_namespace(like).eye(size, dtype=dtype or like.dtype, device=device_of(like))
 
 
 def unset(shape: tuple[int, ...], like: Array) -> Array:
-    """Return an uninitialised array for large results, with kind, type and device of ``like``.
+    """Return an uninitialised array or tensor for large results, with the data type and device of ``like``.
 
-    On the CPU, NumPy allocates it in huge pages. The first write to torch's small pages takes five times as long.
+    On the CPU, NumPy allocates the memory in huge pages, also for torch. The first write to the small pages that torch
+    allocates takes five times as long.
     """
     if device_of(like) is not None:
         return empty(shape, like)
@@ -109,7 +110,7 @@ def replaced(values: Array, where: Array, by: float) -> Array:
 
 
 def to_numpy(value: Any) -> np.ndarray:
-    """Return a float64 NumPy copy of an array of either kind on any device."""
+    """Copy a NumPy array, or a torch tensor on any device, to a float64 NumPy array."""
     return np.array(value.detach().cpu().numpy() if hasattr(value, "cpu") else value, dtype=np.float64)
 
 

@@ -82,7 +82,7 @@ def is_antipodal(z: Array) -> Array:
 
 
 def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return a unit vector orthogonal to ``a`` (..., d): the projected axis of the smallest entry of ``a``."""
+    """Return a unit vector orthogonal to ``a`` (..., d), by projecting the axis of the smallest entry of ``a``."""
     xp = array_namespace(a)
     smallest = xp.argmin(xp.abs(a), axis=-1)
     axis = xp.stack([xp.astype(smallest == i, a.dtype) for i in range(a.shape[-1])], axis=-1)
@@ -147,7 +147,7 @@ class KeyWeights:
     """(..., n, n, n) coefficients: ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
     def vjp(self, cotangent: Float[Array, "*#batch d"]) -> Float[Array, "... n d"]:
-        """Convert derivatives (..., d) w.r.t. the point to ones (..., n, d) w.r.t. the keys."""
+        """Convert derivatives (..., d) w.r.t. the point to derivatives (..., n, d) w.r.t. the keys."""
         xp = array_namespace(cotangent)
         along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
         mixed = sum_of_rows(self.mixing * along[..., None, :, None])
@@ -248,7 +248,7 @@ def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array],
 
 
 def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
-    """Return the SLERP of two points, with coefficients of the keys from the product rule."""
+    """Interpolate between two points by SLERP. The product rule gives the derivatives w.r.t. the keys."""
     value, (of_q, of_r), (slope_q, slope_r) = _geodesic(q.value, r.value, t)
     weights = of_q[..., None] * q.weights + of_r[..., None] * r.weights
     towards = slope_q[..., None] * q.weights + slope_r[..., None] * r.weights
@@ -259,7 +259,7 @@ def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
 
 
 def _product_by_keys(q: KeyWeights, r: KeyWeights, gram: Array) -> Array:
-    """Return (..., n, n) coefficients of the keys. Row j gives the vector ``rᵀ dq/dp_j``."""
+    """Return the derivative of ``q·r`` via q as (..., n, n) coefficients of the keys. Row j gives ``rᵀ dq/dp_j``."""
     xp = array_namespace(gram)
     against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
     return q.weights[..., :, None] * r.weights[..., None, :] + sum_of_rows(against * q.mixing)

@@ -80,7 +80,7 @@ def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all: bool = False) -> bool:
-    """Return whether the marker's distances from its neighbours change during one of its gaps."""
+    """Return whether a marker's distances from its neighbours (from all, if ``of_all``) differ after a gap."""
     seen = np.isfinite(points[:, marker]).all(-1)
     for first, last in true_runs(~seen):
         if first == 0 or last == len(points) - 1:
@@ -94,12 +94,12 @@ def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all:
 
 
 def _middle(values: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) median over the visible markers n in (F, n, 3), or 0 if there are none."""
+    """Return the median (F, 3) of the visible ones among n vectors (F, n, 3), or 0 if none is visible."""
     return np.nan_to_num(quantile(values, 0.5, axis=1))
 
 
 def _least(values: np.ndarray) -> np.ndarray:
-    """Return the smallest length (F,) over visible markers n in (F, n, 3), or 0 without any."""
+    """Return the smallest length (F,) of the visible ones among n vectors (F, n, 3), or 0 if none is visible."""
     length = np.linalg.norm(values, axis=-1)
     least = np.where(np.isfinite(length), length, np.inf).min(axis=1, initial=np.inf)
     return np.where(np.isfinite(least), least, 0.0)

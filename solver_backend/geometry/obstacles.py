@@ -69,7 +69,7 @@ class Obstacles:
 
 
 def _from_surface(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return signed distances (N,) from a mesh, and unit vectors (N, 3) of increasing distance."""
+    """Return the signed distances (N,) of points from a mesh, and the gradients of the distances (N, 3)."""
     closest = _closest(points, triangles)
     away = points[:, None] - closest
     squared = (away**2).sum(axis=-1)

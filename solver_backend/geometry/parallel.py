@@ -25,7 +25,8 @@ def map_blocks(
 
     Args:
         function: called once per block. It must not write to data that another block reads.
-        like: an array of the kind that the function uses.
+        like: an array that the function uses. If it is a torch tensor, the blocks run one after the other, and torch
+          uses the threads.
         done: called with the number of finished blocks. It may raise an error to stop.
     """
     threads = min(MAX_THREADS, usable_cores())

@@ -103,5 +103,5 @@ def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 
 
 
 def unit(v: np.ndarray) -> np.ndarray:
-    """Scale (..., 3) vectors to unit length. Vectors shorter than 1e-9 stay shorter."""
+    """Scale (..., 3) vectors to unit length. Vectors shorter than 1e-9 are divided by 1e-9."""
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)

@@ -152,7 +152,10 @@ def label_like(
 
 
 def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.ndarray:
-    """Return the label of each point in ``now`` (N, 3), or -1, given ``points`` in neighbouring frames."""
+    """Label the points ``now`` (N, 3) of one frame by a beam search. Return one label per point, -1 for none.
+
+    The distances between the points are measured over the neighbouring frames ``points`` (F, N, 3).
+    """
     some = np.unique(np.linspace(0, len(points) - 1, 60).astype(int))
     mean, variance = distance_statistics(points[some])
     at_once = np.linalg.norm(now[:, None] - now[None], axis=-1)
@@ -199,7 +202,7 @@ def _order(reference: ReferenceTake) -> np.ndarray:
 
 
 def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, reference: ReferenceTake) -> np.ndarray:
-    """Return the costs (B, N) of the triple products of B hypotheses with the labels assigned so far."""
+    """Return the costs (B, N) of assigning ``label`` to each of N points in B hypotheses, from triple products."""
     added = np.zeros((len(laid), len(now)))
     if len(before) < 3:
         return added
@@ -303,11 +306,11 @@ def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
 
 
 def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.ndarray:
-    """Return the gains (P,) from swapping marker pairs (P, 2) in one take, in half squared deviations.
+    """Return how much better two takes of M markers agree (P,) if a pair of markers (P, 2) is swapped in one take.
 
     The gain is ``Σ_c w_c [q(a, a) + q(b, b) - q(a, b) - q(b, a)]`` with ``q(x, y) = min(½ (d_xc - d'_yc)² / v_c, cap)``
-    over the other markers c. The same sum is added for triple products, which change sign with a swap. Both takes show
-    the same M markers.
+    for a pair (a, b) and all other markers c. d and d' are the distances between markers in the two takes, v their
+    variance and w a weight for rigid pairs. The triple products add a gain of the same form (``_by_side``).
     """
     a, b = pairs.T
     variance = one.variance + other.variance
@@ -329,9 +332,10 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
 
 
 def replacement_gains(one: TakeShape, other: TakeShape, marker: int, candidates: np.ndarray) -> np.ndarray:
-    """Return the gains (K,) if another point, one of ``candidates``, is the marker instead of the labelled point.
+    """Return how much better two takes agree (K,) if one of K candidate points is the marker, not the labelled point.
 
-    The first take has M markers and additional points. The other take has the same markers, and NaN for these points.
+    The first take has M markers, followed by additional points. The candidates are indices of its additional points.
+    The second take has the same M markers, and NaN for the additional points.
     """
     shared = other.variance[marker] + one.variance[marker]
     weight = 1.0 / (1.0 + 0.5 * shared / RIGID_M**2)
@@ -346,7 +350,7 @@ def _misfit(one: TakeShape, other: TakeShape, x: np.ndarray, y: np.ndarray | int
 
 
 def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarray) -> float:
-    """Return the gain from a swap in triple products with the most rigid other markers."""
+    """Return the gain from swapping a pair, by triple products with two other markers. The most rigid ones are used."""
     gain = 0.0
     around = [int(c) for c in np.argsort(-rigid, kind="stable")[:OTHERS] if rigid[c] > 0.1]
     for c, d in combinations(around, 2):
@@ -400,9 +404,10 @@ class NamesOverTakes:
 def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) -> NamesOverTakes:
     """Make marker labels consistent across the takes of one person.
 
-    Two takes contradict each other about a pair of labels if swapping the pair makes their distances and sides agree. A
-    take is corrected if all others contradict it and agree with each other. If equally many takes support both
-    versions, the layout's landmarks decide. If they cannot decide either, the labels are kept and reported.
+    Two takes contradict each other about a pair of labels if swapping the labels in one take makes the marker distances
+    and the sides of both takes agree. A take is corrected if all other takes contradict it and agree with each other.
+    If equally many takes support both versions, the landmarks on the average body decide. If they cannot decide either,
+    the labels are kept and reported.
 
     The user's labels (``kept``) are not changed. Each column in the takes is one marker throughout.
     """
@@ -439,7 +444,7 @@ def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
 
 
 def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameChange]:
-    """Return swaps that do not share a label in any take, most certain first."""
+    """Find swaps that make takes consistent, most certain first. Each label of a take is in one swap at most."""
     count = Counter(name for cloud in takes for name in {*cloud.names})
     labels = sorted(label for label in count if count[label] > 1 and not is_unnamed(label))
     shapes = [shape_of(_points_of(cloud, labels)) for cloud in takes]
@@ -500,7 +505,7 @@ def _replacements(
     places: TakeShape,
     kept: Collection[str],
 ) -> list[tuple[float, NameChange]]:
-    """Return labels that should belong to another, separately labelled point of a take."""
+    """Find markers whose label is on the wrong point in a take. Return the gain and the change to the right point."""
     count, found = len(takes), list[tuple[float, NameChange]]()
     points = [[label for label in cloud.names if label not in labels] for cloud in takes]
     whole = [shape_of(_points_of(cloud, [*labels, *more])) for cloud, more in zip(takes, points, strict=True)]
@@ -546,7 +551,7 @@ def _points_of(cloud: MarkerCloud, labels: Sequence[str]) -> np.ndarray:
 
 
 def _places(labels: Sequence[str]) -> TakeShape:
-    """Return the layouts' landmarks on the average body for these labels, NaN without a landmark."""
+    """Place the labels' landmarks on the average body. Labels without a landmark in the layouts are NaN."""
     body, known = load_body(), name_markers(labels).known
     named = [i for i, label in enumerate(labels) if known.get(label, "@")[0] != "@"]
     points = np.full((LEAST_FRAMES, len(labels), 3), np.nan)

@@ -65,8 +65,14 @@ def voted(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the label and confidence of every chain. The label is ``UNKNOWN`` if none is probable enough.
 
-    Log likelihoods are added: the network's mean times its number of independent readings, ``distance_evidence``,
-    ``body_evidence`` (each (C, 54), or 0), and the prior. ``together`` (C, C) marks chains that are visible together.
+    Four log likelihoods are added for each label: the network's votes, the evidence by distances and by a fitted body
+    (C, 54), and a prior. The votes count as often as there are independent readings.
+
+    Args:
+        together: (C, C) mask of chains that are visible at the same time.
+        bound: the user's label of some chains.
+        by_distance: result of ``distance_evidence``, or 0.
+        by_body: result of ``body_evidence``, or 0.
     """
     between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
     seconds = votes.count * between
@@ -209,9 +215,10 @@ def body_evidence(
     fps: float,
     fit: BodyFit,
 ) -> np.ndarray:
-    """Return the mean log likelihoods (C, 54) of each chain's labels, given a fitted body. They are 0 without a fit.
+    """Return the log likelihoods (C, 54) of each chain's labels, from its mean distances to a fitted body's markers.
 
-    The body is fitted to the chains in ``trusted`` (C,). ``fit`` is in its initial state.
+    The body is fitted to the chains in the mask ``trusted`` (C,). ``fit`` must be new or restarted. Chains that are
+    never visible in a frame with a good fit get 0.
     """
     frames, guesses = votes.frames, votes.landmarks[:, :GHOST]
     sigmas = np.sqrt(np.trace(votes.covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
@@ -247,7 +254,7 @@ def body_evidence(
 
 
 def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """Return a (53, 53) mask of marker pairs where the second is on the same joint, or farther out on the limb."""
+    """Return a (53, 53) mask. Entry (i, j) is true if marker j is on the joint of marker i, or below it."""
     within = np.eye(len(parents), dtype=bool)
     for joint, parent in enumerate(parents):
         if parent >= 0:
@@ -257,9 +264,9 @@ def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
 
 
 def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Return a (53,) mask of markers on limbs that fit the body from the marker's joint outwards.
+    """Return a (53,) mask of markers for which the limb from the marker's joint outwards fits the body.
 
-    If a wrist has a marker bar, a body fitted to both ends of the bar takes one of them for the hand.
+    This excludes wrists with a marker bar, where the fitted body mistakes one end of the bar for the hand.
     """
     squared = ((markers - places) ** 2).sum(axis=-1)
     laid = moved & np.isfinite(squared)

@@ -209,7 +209,7 @@ def require_at_most(most: int, found: int, what: str) -> None:
 
 
 def frame_landmarks(positions: np.ndarray, network: LandmarkNetwork, progress: Progress = silent) -> np.ndarray:
-    """Estimate marker and joint positions (F, 77, 3) in metres from points (F, N, 3), NaN in frames with too few.
+    """Estimate marker and joint positions (F, 77, 3) in metres from points (F, N, 3). Frames with few points get NaN.
 
     Raises:
         NoDetections, CaptureInvalid: see ``require_points``.

@@ -24,7 +24,10 @@ CLEAR = 0.5  # Largest ratio between the distances of the chosen and the next be
 
 @dataclass(frozen=True)
 class Tracklets:
-    """T tracks of single points, split at gaps and jumps, with column, first and last frame, and chain (T,)."""
+    """T tracks of single points, split at gaps and jumps. A chain consists of consecutive tracklets of one marker.
+
+    ``column``, ``first`` frame, ``last`` frame and ``chain`` are (T,) arrays.
+    """
 
     number: np.ndarray  # (F, N) index of each point's tracklet, -1 where there is no point.
     column: np.ndarray
@@ -125,7 +128,7 @@ _ROUNDS, _EXCHANGES, _GAIN = 4, 200, 1e-6
 
 
 def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
-    """Assign a marker, used once, to each point of a frame, from (N, 54) log probabilities with the ghost last."""
+    """Label the points of a frame from (N, 54) log probabilities (ghost last). Each marker is assigned at most once."""
     scores = np.array(log_probability)
     labels = np.full(len(scores), GHOST)
     rows = np.arange(len(scores))
@@ -301,10 +304,11 @@ def distance_evidence(
 ) -> np.ndarray:
     """Return log likelihoods (C, 54) of each chain's labels, given its distances to the trusted chains.
 
-    The log likelihood is ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)``, where s is the person's
-    relative size, tempered to ``READINGS`` partners. If both counterparts on the other side of the body are labelled,
-    half of the first density is centred on *their* distance in this take. A ghost is at a landmark from another layout,
-    or anywhere on the body.
+    The log likelihood of label a for chain i is ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)`` over
+    trusted chains j with labels b. m is the mean distance, c its change, s the person's relative size, and t Student's
+    t-distribution. The sum counts at most as much as ``READINGS`` chains. If the same two markers on the other side of
+    the body are labelled, half of the first density is centred on their distance in this take. A ghost is at a landmark
+    from another layout, or anywhere on the body.
     """
     chains = len(labels)
     partners = np.flatnonzero(trusted & (labels >= 0) & (labels < GHOST))
@@ -336,7 +340,7 @@ def _evidence_of(
     size: float,
     table: DistanceTable,
 ) -> np.ndarray:
-    """Return the rows of ``distance_evidence`` for some chains (R,) and the trusted ``partners``.
+    """Return the rows of ``distance_evidence`` for the chains ``which`` (R,), from distances to ``partners``.
 
     ``mirrored`` comes from ``_of_the_other_side`` for an average person. ``size`` is relative to the table's person.
     """

@@ -133,7 +133,7 @@ class KeepUp:
         self._behind = False
 
     def in_time(self, frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-        """Yield frames in time. Above a delay of ``LATE_S``, drop frames until the delay is below ``IN_TIME_S``."""
+        """Yield frames that are not late. Above a delay of ``LATE_S``, drop frames until it is below ``IN_TIME_S``."""
         for frame in frames:
             self._behind = frame.lag_s > (IN_TIME_S if self._behind else LATE_S)
             if self._behind and not frame.fault:

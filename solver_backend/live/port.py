@@ -132,7 +132,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         self._meet(None)
 
     def _meet(self, sender: Any) -> None:
-        """Start with a new sender. Its packets are unknown, but the time of the frames continues."""
+        """Switch to a new sender. Forget the packets of the previous one, but continue the frame times."""
         self._sender = sender
         self._packets: list[bytes] = []
         self._clock: float | None = None
@@ -153,7 +153,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         """Yield the frames that a decoded packet completes."""
 
     def _begins(self, content: Content) -> bool:
-        """Return whether a packet is enough to choose its sender."""
+        """Return whether a packet from a new sender has enough content to switch to that sender."""
         return True
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:

@@ -36,7 +36,10 @@ Fit = TypeVar("Fit", bound=PersonFollower)
 
 
 class SessionLoop(ABC, Generic[Shown, Fit]):
-    """Base class of a live session for one person: clock, restarts and output lines. Subclasses fit each moment."""
+    """Base class of a live session for one person, with the clock, restarts and output lines.
+
+    A moment is one frame of the input: points, or detections in all views. Subclasses fit the body to it.
+    """
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit

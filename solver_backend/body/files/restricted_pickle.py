@@ -53,7 +53,7 @@ class UnbuiltArray:
 
 
 def finished(value: Any) -> Any:
-    """Return the filled array's values. In a dictionary, replace each such array by its values."""
+    """Replace an ``UnbuiltArray`` by its values. In a dictionary, replace each one."""
     if isinstance(value, UnbuiltArray):
         if value.values is None:
             raise Damage("an array has no values")
