@@ -23,7 +23,7 @@ EVERYBODY = "all"
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the solve settings from the command line by name. A preset counts as given."""
+    """Return the solve settings that the command line sets, by name, including the settings of a preset."""
     return {**PRESETS.get(getattr(args, "preset", None) or "", {}), **_given(args, settings_of_class(SolveSettings))}
 
 
@@ -56,7 +56,7 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
-    """Read a capture with the options of ``load_capture``. ``EVERYBODY`` reads all people."""
+    """Read a capture with the options of ``load_capture``. If the person is ``EVERYBODY``, read all people."""
     from solver_backend.io.load import load_capture
 
     person = options.get("person")

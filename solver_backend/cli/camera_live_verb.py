@@ -72,7 +72,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
-    """Convert texts ``[NAME=]SOURCE`` to cameras or videos, which are not opened yet."""
+    """Parse camera arguments ``[NAME=]SOURCE`` as webcams, OAK cameras or videos, without opening them."""
     found: list[PictureSource] = []
     for number, text in enumerate(texts):
         name, _, source = text.rpartition("=") if not Path(text).exists() else ("", "", text)
@@ -95,7 +95,7 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
 def _lines(
     live: LiveMoments, session: ViewsSession, recorder: Recorder[...] | None, args: argparse.Namespace
 ) -> Iterator[LiveLine]:
-    """Yield the output lines of live cameras until the time is up. Each line is recorded first."""
+    """Yield the output lines of live cameras until the time is up. Record each frame before its line."""
     for moment in live.moments():
         for line in [moment] if isinstance(moment, dict) else run_recorded(session, moment, recorder):
             if "event" not in line:

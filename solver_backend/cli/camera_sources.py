@@ -106,7 +106,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return the same as ``_person``, for the largest person in uncalibrated detections."""
+    """Return the values of ``_person`` for the largest person in detections from uncalibrated cameras."""
     sources = camera_sources(args.source)
     levels = levels_above(args.source)
     config = read_config(levels)
@@ -140,7 +140,7 @@ def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
 
 
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    """Adjust a calibration jointly to a filmed board, a person and clicked points."""
+    """Refine a calibration with any combination of a filmed board, a person and clicked points."""
     if args.footage is None and args.take is None and args.clicks is None:
         hint = "Specify at least one of --footage, --take and --clicks."
         raise CommandLineInvalid("--from together needs a source.", hint=hint)

@@ -150,7 +150,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Calibrate sensors from a waved wand, and align them with the floor using a Γ of markers."""
+    """Calibrate sensors from a waved wand. Optionally, align the axes with a Γ of markers on the floor."""
     from solver_backend.camera_calibration.formats import write_calibration
     from solver_backend.sensors.chain import triggered
     from solver_backend.sensors.wand.evaluation import WandOptions, in_world

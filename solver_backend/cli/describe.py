@@ -91,7 +91,7 @@ def people_lines(people: list[PersonSummary]) -> list[str]:
 
 
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
-    """Return the frame ranges without a keypoint that two cameras (or the only one) see."""
+    """Return the frame ranges in which no keypoint is detected by two cameras, or by the only camera."""
     return [list(run) for run in true_runs(~capture.placed.any(axis=-1))]
 
 

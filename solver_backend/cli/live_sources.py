@@ -37,7 +37,7 @@ FOREIGN_CLIPS = (".bvh", ".mvnx")
 
 @dataclass(frozen=True)
 class LiveSource:
-    """Source of a live run, which provides its output lines."""
+    """Source of a live run: output lines, body proportions, recorders and final statistics."""
 
     lines: Iterator[LiveLine]
     proportions: Proportions
@@ -143,7 +143,10 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 
 def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
-    """Yield lines that contain poses and the number of dropped frames, and an event at the first drop."""
+    """Add the number of dropped frames to each frame's line, and also the displayed points if ``shown``.
+
+    When the first frame is dropped, also yield an event.
+    """
     named = False
     for line in lines:
         if "frame" not in line:
@@ -158,7 +161,7 @@ def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, sh
 
 
 def make_ready(session: LiveSession) -> None:
-    """Warm up the solver and settle memory, so that the first live frames are not delayed."""
+    """Warm up the solver and avoid pauses for garbage collection, so that the first live frames are not delayed."""
     session.warm_up()
     settle_memory()
 

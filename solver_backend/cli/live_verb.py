@@ -51,8 +51,8 @@ class LiveOutput:
     """Writes the lines, recordings and sent poses of a live run. It is a context manager.
 
     Args:
-        proportions: returns layout and rest joints of the person. None if the run has no poses.
-        recorders: the first one records this run. Its file is reported.
+        proportions: function that returns the person's layout and rest joints, or None for a run without poses.
+        recorders: recorders of this run. The result names the first one's file.
     """
 
     def __init__(
@@ -113,9 +113,10 @@ class LiveOutput:
 
 
 def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
-    """Return the files that a finished recorder has written, by kind.
+    """Return the paths of a finished recorder's files, by key.
 
-    ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` is a file that would be empty.
+    ``recorded`` is this run's recording. If it would be empty, its key is ``not_recorded``. ``recovered`` is the
+    recording of an earlier run that was killed.
     """
     if recorder is None:
         return {}

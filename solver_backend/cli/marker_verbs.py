@@ -78,7 +78,7 @@ def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
 
 
 def summary(take: LabelledTake) -> dict[str, object]:
-    """Return plain values about a labelled take, including the label of each tracklet."""
+    """Return statistics about a labelled take as JSON values: label percentages, and each tracklet's label."""
     import numpy as np
 
     from solver_backend.labelling.outputs import GHOST, MARKERS

@@ -133,7 +133,7 @@ def gait_lines(gait: Gait) -> list[str]:
 
 
 def gait_text(gait: Gait) -> str:
-    """Return gait events and strides as a CSV table, one row each."""
+    """Return gait events and strides as a CSV table, with one row per event and one row per stride."""
     events = [f"event,{side.lower()},{name},{time:.4f},,,,,," for time, side, name in gait.events()]
     strides = [
         f"stride,{s.side},,{s.strike_s:.4f},{s.off_s:.4f}," + ",".join(_cell(getattr(s, key)) for key in MEASURES)

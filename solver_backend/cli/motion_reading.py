@@ -41,8 +41,8 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True, fps: float |
 
     Args:
         choice: name or path of the body.
-        keep_shape: use the shape coefficients in an AMASS file, which refer to the body it was fitted with.
-        fps: frame rate that replaces the one stated in an AMASS file.
+        keep_shape: use the shape coefficients in an AMASS file. They are for the body to which the file was fitted.
+        fps: frame rate to use instead of the frame rate in an AMASS file.
 
     Raises:
         MotionInvalid: the file is in none of these formats.

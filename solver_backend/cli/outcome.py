@@ -24,12 +24,12 @@ class Outcome(Generic[Data]):
     """Text for users on standard error: all warnings, and a summary in the last line."""
 
     def written(self, key: str, path: Path) -> Outcome[dict[str, object]]:
-        """Return the outcome with a written file added, as the last line of text and under a key."""
+        """Return a copy of the outcome that also reports a written file, in the text and as ``data[key]``."""
         return Outcome("\n".join([self.text, *rows("written", path)]), {key: str(path), **self.data}, self.summary)
 
 
 def rows(word: str, *items: object) -> list[str]:
-    """Return one line of text per item, such as a file or a diagnostic, starting with ``word``."""
+    """Return one line of text per item, such as a file or a diagnostic. Each line starts with ``word``."""
     return [f"  {word:<11} {sentence(item) if isinstance(item, Diagnostic) else item}" for item in items]
 
 

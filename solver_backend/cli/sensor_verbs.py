@@ -85,12 +85,12 @@ def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolde
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return each sensor's mask of bright areas, or no masks without a recording of the empty scene."""
+    """Find each sensor's bright areas in a recording of the empty scene. Return {} without a recording."""
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))
 
 
 def chain_summary(chain: MarkerChain) -> dict[str, object]:
-    """Return the statistics of a finished marker chain as plain values."""
+    """Return the statistics of a finished marker chain as JSON values."""
     ends = {
         name: {"frames": end.frames, "cpu_s": round(end.cpu_s, 3), "written": end.written, "dropped": end.dropped}
         for name, end in chain.ends.items()
@@ -140,9 +140,9 @@ def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
-    """Return the OAK cameras from the command line, pulse sender first, and their calibration.
+    """Return the OAK cameras from the command line, and their calibration.
 
-    The cameras are not opened.
+    With wired synchronisation, the first camera sends the pulses. The cameras are not opened.
     """
     given = _named(args)
     oak.depthai()  # fail here once, not in each camera's process

@@ -99,7 +99,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
 def _moments(
     chain: MarkerChain, write: Callable[[dict[str, object]], None], until: float | None, progress: Progress
 ) -> Iterator[LiveMoment]:
-    """Yield moments until the time is up, and write sensor events immediately."""
+    """Yield fused markers until the time is up. Write sensor events as soon as they occur."""
     for moment in chain.moments(float("inf") if until is None else until):
         progress("Live", 0, 1)
         if isinstance(moment, LiveMoment):
@@ -116,7 +116,7 @@ def _frame(moment: LiveMoment) -> PointFrame:
 
 
 def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLine]:
-    """Yield lines with the wand's image coverage and its next position, every ``COVERAGE_INTERVAL_S``."""
+    """Yield the wand's image coverage, and where to wave it next, every ``COVERAGE_INTERVAL_S``."""
     cameras = chain.cameras
     coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
     for moment in moments:

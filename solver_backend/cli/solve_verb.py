@@ -75,7 +75,7 @@ def _check(job: Job) -> None:
 
 
 def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
-    """Solve frames of a motion again without its recording."""
+    """Solve frames of a motion again from the measurements stored in a motion file."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.pipeline import resolve_motion
     from solver_backend.io.motions.motion_checks import check_motion
@@ -237,8 +237,8 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
     """Solve jobs one by one, with all people if requested. A failure does not stop the others.
 
-    The result contains ``takes``, each as reported by ``solve``, and ``failed``, with the capture, the person and the
-    error's fields. If all jobs fail, the first error is raised.
+    In the result, ``takes`` lists the results of ``solve``. ``failed`` lists the capture, the person and the error of
+    each failed solve. If all jobs fail, the first error is raised.
     """
     ended: list[tuple[Job, str, Outcome[SolveResult] | MocapError]] = []
     for number, job in enumerate(jobs):

@@ -45,7 +45,7 @@ def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
 
 
 def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) -> Outcome:
-    """Report the path and figures of trained weights, and missing held-out subjects."""
+    """Report the path and figures of trained weights, and the held-out subjects that have no recordings."""
     if finished.absent:
         lines = [f"  held-out subjects not among the recordings: {', '.join(finished.absent)}", *lines]
     data = {"weights": str(finished.weights), "absent_subjects": list(finished.absent), **figures}
@@ -53,7 +53,7 @@ def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) ->
 
 
 def export_network(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the labelling network, or a trained landmark network with its decoding, as ONNX."""
+    """Export the labelling network, or a trained landmark network with its decoding step, to ONNX."""
     try:
         from training.landmarks.onnx_export import export_point_network, export_row, read_trained
     except ModuleNotFoundError as error:

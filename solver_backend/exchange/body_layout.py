@@ -53,7 +53,7 @@ differ in arm roll."""
 
 
 def limits_of(joints: tuple[str, ...]) -> dict[str, JointLimit]:
-    """Return the adult range of motion by joint name, for all joints in ``ADULTS``."""
+    """Return each joint's adult range of motion by name. Joints that are not in ``ADULTS`` are omitted."""
     found = {}
     for joint in joints:
         part = joint.removeprefix("left_").removeprefix("right_")
@@ -101,7 +101,7 @@ class BodyLayout:
 
     @cached_property
     def solved(self) -> tuple[str, ...]:
-        """Joints after the root that the solver rotates."""
+        """Names of the joints that the solver rotates, without the root."""
         moving = [group not in self.resting for group in self.groups]
         return self.joints[1 : moving.index(False) if False in moving else None]
 
@@ -112,7 +112,7 @@ class BodyLayout:
 
     @property
     def recorded(self) -> BodyLayout:
-        """Layout in which motions of such bodies are stored."""
+        """Layout that motion files use for this body."""
         return self.recorded_as or self
 
     @cached_property
@@ -130,7 +130,10 @@ class BodyLayout:
 
     @cached_property
     def main_child(self) -> dict[int, int]:
-        """Index of the child at the end of each joint's bone, for all joints with a single such child."""
+        """Index of the child at the end of each joint's bone.
+
+        This is the joint's only child, or the only child in the same group. Joints without such a child are omitted.
+        """
         ends = {}
         for j, children in enumerate(self.children):
             own = [c for c in children if self.groups[c] == self.groups[j]]

@@ -122,7 +122,7 @@ def _record_of(motion: MotionFile) -> dict[str, Any]:
 
 
 def require_own_frames(edits: Sequence[object], where: str) -> None:
-    """Raise MotionInvalid if an edit such as trim or mirror makes a motion differ from its recording."""
+    """Raise MotionInvalid if the motion no longer matches its recording after an edit such as trim or mirror."""
     for edit in edits:
         if isinstance(edit, Mapping) and edit.get("verb") in _MOVED:
             what = f"The motion was changed by {edit['verb']}, so its frames no longer match the recording."
@@ -199,13 +199,13 @@ def _prop_at(prop: Prop, nearest: Prop, at: np.ndarray) -> Prop:
 
 
 def _turns_at(rotvec: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Interpolate rotation vectors (N, ..., 3) with a quaternion spline."""
+    """Interpolate rotation vectors (F, ..., 3) at fractional frames (N,) with a quaternion spline."""
     quat = _spline(sign_continuous(quat_from_rotvec(rotvec)), at)
     return rotvec_from_quat(quat / np.linalg.norm(quat, axis=-1, keepdims=True))
 
 
 def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Interpolate (F, ...) values at N frames by cubic splines (Catmull and Rom 1974)."""
+    """Interpolate values (F, ...) at fractional frames (N,) with cubic splines (Catmull and Rom 1974)."""
     if len(values) < 3:
         return _between(values, at, 0)
     ends = (3 * (values[a] - values[b]) + values[c] for a, b, c in (([0], [1], [2]), ([-1], [-2], [-3])))
@@ -281,7 +281,10 @@ def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 
 def body_path(motion: MotionFile) -> np.ndarray:
-    """Return the smoothed (F, 3) ground path: x and y in metres, and heading from -Y in radians."""
+    """Return the body's smoothed path (F, 3) on the ground: x and y in metres, and heading in radians.
+
+    The heading is 0 if the body faces -Y.
+    """
     path = ground_path(
         motion.transl + rest_joints(motion)[0],
         matrix_from_rotvec(motion.rotvec[:, 0]) @ R_STAGE_BODY.T,

@@ -83,11 +83,11 @@ def cancelling_until_held() -> Iterator[Callable[[], None]]:
 
 
 def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
-    """Cancel this process when the pipe from its parent closes, even because the parent crashed.
+    """Cancel this process when its parent closes a pipe. A parent that crashes also closes the pipe.
 
     Args:
         stream: file descriptor of the pipe.
-        grace_s: seconds until the process is terminated. None waits indefinitely.
+        grace_s: seconds from cancellation until the process is terminated. None waits indefinitely.
     """
 
     def watch() -> None:
@@ -192,12 +192,13 @@ def _has_colours(stream: Any) -> bool:
 
 
 def name_error(error: BaseException, failed: type[MocapError], what: str, *, asked: bool) -> MocapError:
-    """Convert an exception from a verb to a named error, and print the traceback of a program defect.
+    """Convert an exception from a verb to a named error. Print the traceback if it is a program defect.
 
     Args:
         failed: error class for a program defect.
-        what: subject of its message, such as "The solver".
-        asked: True if a signal arrived before. A library may have converted its error to another one.
+        what: subject of the error message for a program defect, such as "The solver".
+        asked: True if a cancellation signal arrived before. In this case, any other exception is reported as
+            ``Cancelled``, because a library may have replaced the error of the signal.
     """
     if isinstance(error, MocapError):
         return error

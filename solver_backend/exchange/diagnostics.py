@@ -227,7 +227,7 @@ def _read_where(values: Mapping[str, Any]) -> Where:
 
 
 def word(found: Diagnostic, fps: float = 0.0) -> Words:
-    """Return the message and advice of a diagnostic. Unknown codes are stated in the message.
+    """Return the message and advice of a diagnostic. For an unknown code, the message contains the code.
 
     Args:
         fps: frames per second, for the duration of frame ranges. 0 omits the duration.
@@ -293,7 +293,7 @@ def _by_name(found: Diagnostic) -> str:
 
 
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
-    """Return one line per warning, and a last line with "OK" or with the places to check.
+    """Return one line per warning, and a last line with "OK" or with the cameras, joints or frames to check.
 
     After a multi-view solve, the last line also states the stature, because images do not determine the world's scale.
     """
@@ -304,7 +304,7 @@ def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
 
 
 def size_in(found: Iterable[Diagnostic]) -> str:
-    """Return the sentence about the solved stature and its source, or "" without that diagnostic."""
+    """Return the sentence about the person's solved stature, or "" if there is no such diagnostic."""
     sizes = [item for item in found if item.code == "stature_solved"]
     return word(sizes[0]).what if sizes else ""
 
@@ -346,7 +346,7 @@ def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: s
         accepted: codes from ``list_refusals``.
 
     Raises:
-        ResultRefused: some errors are not accepted. The message lists all errors, and the hint the advice.
+        ResultRefused: some errors are not accepted. The message lists these errors, and the hint contains their advice.
     """
     found, accepted = tuple(found), set(accepted)
     refused = [item for item in found if item.severity is Severity.ERROR and item.code not in accepted]

@@ -14,9 +14,10 @@ _EVENT = f'{{"event": "error", "code": "cancelled", "message": "{_MESSAGE}", "wh
 
 
 def end_by_signals() -> None:
-    """End the process with one error event if a signal arrives before a verb handles signals.
+    """End the process with an error event if a signal arrives before a verb handles signals.
 
-    No file is open yet, and an exception could interrupt the import of a library.
+    The process ends immediately, because an exception could interrupt the import of a library. At this time, no output
+    file is open.
     """
     for name in ("SIGINT", "SIGTERM", "SIGBREAK"):
         if hasattr(signal, name):

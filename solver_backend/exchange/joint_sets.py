@@ -25,7 +25,7 @@ _SIDE = re.compile(r"^(left|right)(?=_)|(?<=^mouth_)(left|right)$")
 
 
 def _columns(text: str) -> tuple[str, ...]:
-    """Return the keypoint in each column. ``both:arm`` alternates between left and right."""
+    """Expand a column list to one keypoint per column. ``both:arm`` alternates between left and right."""
     found: list[str] = []
     for word in text.split():
         side, _, part = word.rpartition(":")
@@ -51,7 +51,7 @@ class JointSet(StrEnum):
     MPII's chest. Whole-body COCO detectors may write only the first 23 columns: body and feet."""
 
     def __new__(cls, name: str, keypoints: str = "", *written: int) -> Self:
-        """Create a joint set from its name, its column list and the numbers of columns in files."""
+        """Create a joint set from its name, its column list and the possible numbers of columns in files."""
         member = str.__new__(cls, name)
         member._value_ = name
         member.keypoints = _columns(keypoints)
@@ -85,7 +85,7 @@ class JointSet(StrEnum):
 
     @property
     def num_keypoints(self) -> int:
-        """Number of keypoints that are used, starting with the first column."""
+        """Number of keypoints in use. Additional columns of a file are ignored."""
         return len(self.keypoints)
 
     def mirrored(self, count: int = 0) -> tuple[int, ...]:

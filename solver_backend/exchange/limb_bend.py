@@ -44,9 +44,9 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
 
 
 def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the largest (...) distance in metres between the ends of limbs with (..., 3) bones.
+    """Return the longest reach (...) in metres of limbs with (..., 3) bones, which is slightly below their length.
 
-    It is slightly below the limb's length, unless the actor's limb is straighter.
+    If the given bones are straighter than this limit, the distance between their ends is returned.
     """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
@@ -130,7 +130,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
-    """Fade out the (F, n) offsets ``held`` within ``frames`` frames around the fixed frames."""
+    """Return offsets (F, n) that equal ``held`` in the fixed frames, and fade to 0 within ``frames`` frames."""
     if not len(fixed):
         return np.zeros_like(held)
     index = np.arange(len(held))

@@ -19,7 +19,7 @@ FORMAT_NAMES = either(name for name, _ in MARKER_FORMATS.values())  # Names of a
 
 
 def file_names(stem: str, *others: str) -> str:
-    """Return marker file names for help texts, such as ``TAKE.c3d|TAKE.trc`` for TAKE."""
+    """Return the file names of all marker formats for help texts, such as ``TAKE.c3d|TAKE.trc``."""
     return "|".join([*(f"{stem}.{ending}" for ending in MARKER_FORMATS), *others])
 
 

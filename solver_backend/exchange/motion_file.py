@@ -177,7 +177,7 @@ def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> Motion
 
 
 def _typed(fields: Fields, key: str, shape: Shape) -> np.ndarray:
-    """Read an optional array and convert it to its type. A bool must be 0 or 1, and a flag 0 to 255."""
+    """Read an optional array with the data type of its key. A bool must be 0 or 1, and a flag 0 to 255."""
     value, kind = fields.shaped(key, shape, MotionInvalid), _DTYPES.get(key)
     if kind is None:
         return value
@@ -214,9 +214,9 @@ def motion_of(fields: Fields) -> MotionFile:
 def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = False) -> Path:
     """Write a motion. Parts that are None are omitted.
 
-    ``poses`` (F, 156) contains the root and the joints that SMPL and AMASS share. ``hand_pose`` (F, 6) contains SMPL's
-    hand joints, which AMASS does not have, unless they are zero. For other layouts, the file contains the layout, and
-    all joints in ``poses`` (F, 3 J).
+    For SMPL, ``poses`` (F, 156) contains the root and the joints that SMPL and AMASS share. ``hand_pose`` (F, 6)
+    contains SMPL's hand joints, which AMASS does not have. It is omitted if all its values are zero. For other layouts,
+    ``poses`` (F, 3 J) contains all joints, and the file also contains the layout.
     """
     rotvec, layout, hands = motion.rotvec.reshape(motion.num_frames, -1), motion.body_layout, np.zeros(0)
     poses = rotvec.astype(np.float32)

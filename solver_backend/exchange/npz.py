@@ -110,7 +110,7 @@ def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np
 
 
 def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
-    """Read an array's bytes up to the end of the member, where the archive verifies its checksum."""
+    """Read an array's bytes up to the end of its archive member, because the checksum is verified only there."""
     room = values.view(np.uint8) if values.nbytes else np.empty(0, np.uint8)
     at = 0
     while chunk := stream.read(_CHUNK):
@@ -183,7 +183,7 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
 
 @contextmanager
 def _opened(path: Path | str) -> Iterator[Members]:
-    """Yield the archive's arrays. Damage detected here or in the block raises a named error."""
+    """Open an archive and yield its arrays. Raise a named error if it is damaged, even during the block."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

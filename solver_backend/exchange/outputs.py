@@ -46,10 +46,10 @@ def probe(folder: Path) -> None:
 
 @contextmanager
 def unfinished_names(folder: Path) -> Iterator[str]:
-    """Yield an unguessable name prefix, and finally remove all files and folders that start with it.
+    """Yield an unguessable name prefix. Finally, remove all files and folders whose names start with it.
 
-    Meanwhile, a file with that name is locked. The system releases the lock when this process ends. Leftovers of
-    processes that ended without cleaning up are removed first.
+    Until then, a locked file shows other processes that the prefix is in use. The system releases the lock when this
+    process ends. Leftovers of processes that ended without cleaning up are removed first.
     """
     held = folder / f"{_PART}-{os.urandom(8).hex()}"
     handle = os.open(held, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -79,7 +79,7 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
 
     Args:
         unfinished: folder next to ``whole``, named by ``unfinished_names``.
-        mark: file that a completely published folder contains, relative to its parent.
+        mark: path of a file that exists if ``whole`` is complete, relative to the parent of ``whole``.
     """
     try:
         unfinished.rename(whole)
