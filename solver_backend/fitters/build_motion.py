@@ -83,7 +83,7 @@ class PosedTake:
 
     @classmethod
     def of(cls, measurements: Measurements, solved: SolvedFrames) -> PosedTake:
-        """Pose the body in all frames. Blocks of frames limit memory use."""
+        """Pose the solved body in all frames. Frames are processed in blocks to limit memory use."""
         parts = []
         for start in range(0, len(solved.frames.transl), BLOCK_POSES):
             part = slice(start, start + BLOCK_POSES)

@@ -75,7 +75,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Return the network's reference column (F, N) for each point, or None if labelling fails."""
+    """Return the reference column (F, N) of each point according to the network, or None if labelling fails."""
     try:
         network = network or load_network()
         column = _columns(reference, network)

@@ -71,9 +71,10 @@ def has_own_names(cloud: MarkerCloud) -> bool:
 
 
 def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return known locations in a partly labelled take, by column and first frame of a segment.
+    """Return the names in a partly labelled take that labelling must not change.
 
-    Labelling does not change these names.
+    The keys are the column and the first frame of each continuous segment of a named marker. The values are its
+    location on the body.
     """
     if cloud.labels is None:
         return {}
@@ -153,7 +154,7 @@ def labelled_capture(
 
 
 def _doubt_of_person(take: LabelledTake) -> str:
-    """Return the evidence against unnamed points being one person, or "" if there is none."""
+    """Return a reason why the unnamed points are probably not one person, or "" if there is none."""
     share = float(_named(take).mean()) if take.labels.size else 1.0
     variance = np.trace(take.votes.covariance[:, :GHOST], axis1=-2, axis2=-1).mean() / 3.0
     if share < LEAST_UNNAMED:
@@ -164,10 +165,12 @@ def _doubt_of_person(take: LabelledTake) -> str:
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
-    """Return the capture if it has too many points for the network but enough names, otherwise None.
+    """Check whether there are too many points for the network. Return None if the network can label them.
+
+    Otherwise, return the capture without the network's labels, if enough points have names.
 
     Raises:
-        MarkersUnknown: it has too many points for the network, and too few names.
+        MarkersUnknown: there are too many points for the network, and too few names.
     """
     assert capture.markers is not None
     seen = np.isfinite(capture.markers.positions).all(-1).sum(axis=1)

@@ -55,7 +55,7 @@ def calibrated_hand(
     fps: float,
     settings: SolveSettings,
 ) -> MarkerHand:
-    """Solve a hand of known size repeatedly, calibrating its marker offsets each time."""
+    """Solve a hand of known size in several rounds, and calibrate its marker offsets between the rounds."""
     layout = KeyframeLayout.even(len(positions), hand_window(fps))
     keys = np.zeros((layout.num_keys, DOF))
     prior, place = load_hand_prior(), markers.sites.offset
@@ -81,8 +81,9 @@ def calibrated_offsets(
 ) -> Float[np.ndarray, "markers 3"]:
     """Return marker offsets (L, 3) in metres: the weighted mean of observed and initial offsets.
 
-    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)``, where n' frames have independent errors. m
-    is a marker, and G and p are the frame and origin of its segment.
+    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)``. m_f is the marker in frame f. G_f and p_f
+    are the rotation and origin of its hand segment. o⁰ is the initial offset (``place``). σ and σ⁰ are the standard
+    deviations of observed and initial offsets. n' is the number of frames with independent errors.
     """
     frames = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(int))
     posed = problem.skeleton.pose(states[frames][:, FINGERS])
@@ -123,7 +124,7 @@ _SEGMENTS = HandSites(
 
 @dataclass(frozen=True)
 class Extra:
-    """Additional markers attached to a hand: their sites, and columns among the candidates."""
+    """Additional markers attached to a hand: their sites on the hand, and their columns in the unlabelled points."""
 
     sites: HandSites
     columns: tuple[int, ...]
@@ -134,8 +135,9 @@ def attach_markers(
 ) -> Extra:
     """Attach unknown markers to the hand segments that they move with.
 
-    The offset of a marker x from segment s is ``o_s = median_f G_sᵀ (x - p_s)``. The nearest segment with nearly
-    constant offsets is chosen. ``states`` are (F, D), ``positions`` (F, N, 3).
+    A marker x has the offset ``o_s = median_f G_sᵀ (x - p_s)`` from segment s with rotation G_s and origin p_s. Among
+    the segments with nearly constant offsets, the function selects the nearest one. ``states`` (F, D) are the hand's
+    states. ``positions`` (F, N, 3) are the unknown markers in metres.
     """
     posed = problem.skeleton.pose(states[:, FINGERS])
     R = exp_so3(states[:, :3]) @ problem.wrist.rotations
@@ -173,7 +175,7 @@ def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> H
 def worn_hand(
     measured: HandClouds, side: int, skeleton: HandSkeleton, path: WristPath, fps: float, settings: SolveSettings
 ) -> tuple[HandProblem, tuple[Diagnostic, ...]]:
-    """Calibrate one hand with its markers, and return its problem and diagnostics."""
+    """Calibrate one hand (0 left, 1 right) from its markers. Return the problem of solving it, and diagnostics."""
     markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
     hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
     if side not in measured.extra:
@@ -190,7 +192,7 @@ def worn_hand(
 
 
 def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Float[np.ndarray, " 16"]:
-    """Return the (16,) distances in metres from offsets to their bones (for the palm, the nearest metacarpal)."""
+    """Return distances (16,) in metres from segment offsets to their bones (the palm: to the nearest metacarpal)."""
     on_palm = min(_from_line(offset[0], root) for root in problem.skeleton.roots)
     ends = problem.skeleton.bones.reshape(15, 3)
     return np.array([on_palm, *(_from_line(place, end) for place, end in zip(offset[1:], ends, strict=True))])

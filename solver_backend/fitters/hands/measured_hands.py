@@ -37,9 +37,12 @@ _LOOSE = 3.0  # Robust scale for offsets if none is given.
 class HandViewTerm:
     """Reprojection term of a hand that each view may shift as a whole by an offset o.
 
-    ``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``. A misplaced detector crop moves all 21
-    hand points equally, so together they locate the hand no better than one point. Eliminating o leaves
-    ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view, where P is the derivative of the projection.
+    ``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``. π projects point y_l into view c. k_l is
+    the detected keypoint, c_l its confidence and σ_l its noise. c is the largest confidence in the view.
+
+    A misplaced detector crop moves all 21 hand points equally, so together they locate the hand no better than one
+    point. Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view, where P is the
+    derivative of the projection, and w and w_o are the robust weights of point and offset.
     """
 
     points: ReprojectionTerm  # Each point has its own noise.
@@ -141,7 +144,7 @@ class LocatedHand:
 
 
 def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
-    """Triangulate the hands in every other frame in which two views show a hand, and estimate their noise."""
+    """Triangulate the hands in every second frame that two views show, and estimate the detection noise."""
     both = views.xy.shape[2] * NUM_HAND_POINTS
     xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
     confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)
@@ -166,8 +169,9 @@ def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
 def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNoise:
     """Estimate the noise of one hand's detections ``xy`` (C, n, 21, 2) in pixels.
 
-    The mean residual of a view's hand gives the view's offset, and the rest gives the noise of the points. A point
-    triangulated from V views absorbs 3 of its 2 V errors, so both variances are scaled by ``2 V / (2 V - 3)``.
+    The mean residual of the hand's points in a view gives the view's offset. The residuals relative to this mean give
+    the noise of the points. A point triangulated from V views absorbs 3 of its 2 V errors, so both variances are scaled
+    by ``2 V / (2 V - 3)``.
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
     kept = np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
@@ -204,8 +208,8 @@ ALONE = 0.04  # Weight of a hand visible in only one view, which cannot tell a p
 def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
     """Build the data term of one hand (0 left, 1 right) with wrist positions (F, 3) in metres.
 
-    The noise variance in px² is ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²``, for a palm of ``s = f 0.09 m / z`` px
-    at depth z, focal length f, and model error m.
+    The noise variance in px² is ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²``, for detector noise σ_l, a palm of
+    ``s = f 0.09 m / z`` px at depth z, focal length f, and model error m.
     """
     px_per_m = pixels_per_metre(views, wrists)[..., None]
     small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
@@ -244,11 +248,11 @@ class SortedHands:
 
 
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
-    """Assign hand detections to the nearest wrists, and exclude hands far from both.
+    """Assign hand detections to the nearest wrists, and exclude hands that are far from both wrists.
 
-    If each of a view's two hands is nearer to the other wrist, they are swapped. A single hand changes its side in the
-    same way. Frames with touching hands follow the unambiguous frames before and after, if these agree. ``wrists`` and
-    ``elbows`` are (F, 2, 3) positions on the solved body in metres, left first.
+    The detections of a view are swapped if this reduces their distances from the wrists. A single hand changes its side
+    in the same way. Hands that touch are ambiguous. They are swapped like the frames before and after if these agree.
+    ``wrists`` and ``elbows`` are (F, 2, 3) positions on the solved body in metres, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))
     forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
@@ -317,13 +321,13 @@ class HandSize:
 def hand_size(
     skeleton: HandSkeleton, points: Float[np.ndarray, "frames 21 3"], spread: Float[np.ndarray, "frames 21"]
 ) -> HandSize:
-    """Estimate the size of a hand relative to the skeleton from its triangulated bones.
+    """Estimate the size s of a hand relative to the skeleton from its triangulated bones.
 
-    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴`` is a least-squares fit that gives all squared lengths equal
-    errors. L_b are the skeleton's bone lengths and d_bf the triangulated bones. Noise of variance v makes a bone look
-    longer: a 25 mm finger bone by a quarter if its ends have errors of 10 mm. The standard deviation is computed from
-    the agreement between bones and from the subtracted variance. ``spread`` (F, 21) in m² is the trace of each point's
-    covariance relative to its hand.
+    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴``. L_b is the skeleton's length of bone b, and d_bf the
+    triangulated bone in frame f. Every squared length has the same weight. Noise of variance v_bf makes a bone look
+    longer: a 25 mm finger bone by a quarter if its ends have errors of 10 mm. The standard deviation of s combines the
+    disagreement between bones with an error of the subtracted variance. ``spread`` (F, 21) in m² is the trace of each
+    point's covariance relative to its hand.
     """
     one, other = _MEASURED.T
     square, rest = (((p[..., one, :] - p[..., other, :]) ** 2).sum(-1) for p in (points, skeleton.points_at_rest))
@@ -373,7 +377,7 @@ class MeasuredHands:
 
 @dataclass(frozen=True)
 class ArmPaths:
-    """Rotations and positions of both wrists, and elbow positions, as (F, 2, ...) arrays, left first, in metres."""
+    """Wrist rotations, and wrist and elbow positions in metres, as (F, 2, ...) arrays with the left arm first."""
 
     rotations: np.ndarray
     wrists: np.ndarray
@@ -393,7 +397,7 @@ def measure_hands(
     settings: SolveSettings,
     size: float | None,
 ) -> MeasuredHands:
-    """Prepare both hands of a solved body for solving. Their ``size`` is given or measured."""
+    """Prepare both hands of a solved body for solving. A ``size`` of None is estimated from the measurements."""
     arms, betas = arm_paths(solved), to_numpy(solved.subject.betas)
     left, right = unscaled = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
     hands = dict[int, MeasuredHand]()
@@ -435,7 +439,10 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands in a single view by side, given wrists (F, 2, 3), left first."""
+    """Return the hands in a single view by side (0 left, 1 right), with unknown points (NaN).
+
+    The noise is proportional to the palm's size in pixels at the wrists (F, 2, 3) in metres, left first.
+    """
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
         shown = (views.confidence[0, :, side] > 0).any(axis=-1)

@@ -52,10 +52,10 @@ def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.n
 
 
 def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows]:
-    """Return the covariances (N n, D, D) of the states in the frames of N windows, and these frames.
+    """Return the covariances of the states in all frames of N windows, and these frames.
 
-    The covariance is ``Σ_ab w_a w_b S_ab`` over the three keyframes a and b of each window, where S are blocks of the
-    inverse matrix (see ``marginals``) and w are weights of the parabola.
+    The covariances are (N m, D, D) for m frames per window. Each is ``Σ_ab w_a w_b S_ab`` over the three keyframes a
+    and b of its window, where S are blocks of the inverse matrix (see ``marginals``) and w are weights of the parabola.
     """
     diagonal, upper = system.marginals()
     rows = layout.rows()
@@ -82,9 +82,10 @@ def contact_equations(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Penalise intersecting fingers by ``½ Σ max(depth - δ, 0)² / σ²``.
 
-    Return costs (n,), gradients and Gauss-Newton matrices. Sliding of the nearest points along two bones changes their
-    distance only to second order and is ignored. ``points`` (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian``
-    (n, 21, 3, D) their derivative w.r.t. the state.
+    Return costs (n,), gradients and Gauss-Newton matrices. δ is ``GIVES_WAY_M``, and σ is ``SIGMA_M``. The derivatives
+    treat the nearest points of two bones as fixed on the bones, because sliding changes their distance only to second
+    order. ``points`` (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian`` (n, 21, 3, D) their derivative w.r.t.
+    the state.
     """
     count, dof = len(points), jacobian.shape[-1]
     cost, gradient, hessian = np.zeros(count), np.zeros((count, dof)), np.zeros((count, dof, dof))
@@ -183,11 +184,14 @@ class HandProblem:
         return self._placed(states, np.arange(self.num_frames))[1]
 
     def at(self, sites: HandSites) -> HandProblem:
-        """Return the problem with other points on the hand, to which its data term does not apply."""
+        """Return the problem for other points on the hand. Its data term still belongs to the old points."""
         return replace(self, sites=sites)
 
     def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return points (n, L, 3) ``y = t + δ + exp(ω) R q(angles)``, and derivatives (n, L, 3, D)."""
+        """Return points (n, L, 3) ``y = t + δ + exp(ω) R q``, and derivatives (n, L, 3, D) w.r.t. the states.
+
+        t and R are the wrist's pose, δ and ω the state's shift and rotation, and q is the point on the posed hand.
+        """
         posed = self.skeleton.pose(states[:, FINGERS])
         own = self.skeleton.sites(posed, self.sites)
         R = self._turns(states, frames)
@@ -220,10 +224,11 @@ class KeyModel:
         return state + step.reshape(-1, DOF)[: len(state)]
 
     def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyframeNormalEquations]:
-        """Return the cost and normal equations of data, wrist, hand prior and accelerations.
+        """Return the cost and normal equations of a hand's keyframes.
 
-        With spacings h and h' of keyframes:
-        ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``.
+        They include the measurements, the wrist, the hand prior and the acceleration ``a_k`` at each keyframe:
+        ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``. h and h' are the times from
+        keyframe k to the previous and to the next keyframe.
         """
         rows, count = self.layout.rows(), self.layout.num_windows
         costs, gradient, hessian = self.problem.evaluate(states_at(keys, rows), rows.frames.reshape(-1), scale)
@@ -301,7 +306,7 @@ FARTHEST_M = 0.08  # Largest distance in metres between the initial wrist and th
 def initial_keys(
     skeleton: HandSkeleton, wrist: WristPath, points: np.ndarray, layout: KeyframeLayout, prior: HandPrior
 ) -> Float[np.ndarray, "keys d"]:
-    """Estimate initial keyframes (K, D) from triangulated points, or else from the relaxed hand."""
+    """Estimate initial keyframes (K, D) from triangulated points, or from the relaxed hand where none are known."""
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
@@ -321,7 +326,7 @@ def initial_keys(
 
 
 def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit palm rotations (F, 3, 3) from rest to world (Kabsch 1976). Also return usable frames."""
+    """Fit palm rotations (F, 3, 3) from rest to world (Kabsch 1976). Also return an (F,) mask of usable frames."""
     palm, rest = points[:, PALM], skeleton.points_at_rest[list(PALM)]
     seen = np.isfinite(palm).all(-1)
     located = (seen.sum(1) >= LEAST_PALM) & seen[:, 0]
@@ -371,7 +376,7 @@ class SolvedHand:
 def solve_hand(
     problem: HandProblem, located: np.ndarray, settings: SolveSettings, alive: Callable[[], None] = lambda: None
 ) -> SolvedHand:
-    """Solve a hand over a take, and learn the noise of the views between passes.
+    """Solve a hand over a take. If ``settings.learn_noise``, learn the noise before the last pass.
 
     ``located`` are (F, 21, 3) initial positions in metres, NaN for unknown points.
     """
@@ -430,7 +435,7 @@ def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, a
 
 
 def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d"], scale: float) -> HandProblem:
-    """Learn each point's noise from a solve's residuals, and return the problem with it."""
+    """Return the problem with point noise that is learned from the residuals of solved states."""
     sample = np.unique(np.linspace(0, len(states) - 1, min(len(states), SAMPLE_FRAMES)).astype(int))
     points = problem.points(states[sample], sample)
     return replace(problem, term=reweighted_by_points(points, problem.term.select(sample), problem.term, scale))

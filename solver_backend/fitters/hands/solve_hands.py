@@ -101,7 +101,7 @@ def _widened(
     frames: np.ndarray | slice = slice(None),
     **parts: Any,
 ) -> Motion:
-    """Return the motion on a body with fingers, given rotations that include them from joint ``first``."""
+    """Return the motion on ``body``. Its joint rotations ``turns`` include fingers from joint ``first`` on."""
     posed = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
     if motion.flags is not None and resting is not None:
         flags = motion.flags.astype(np.uint8)
@@ -114,7 +114,7 @@ def _widened(
 def without_fingers(motion: Motion) -> Motion:
     """Remove the fingers from a motion. Return the same motion if it has none.
 
-    SMPL's hand joints replace the knuckles of the middle fingers. They are not rotated.
+    The knuckles of the middle fingers become SMPL's hand joints, without their rotation.
     """
     layout = motion.body_layout
     if layout.joints == SMPL.joints or not set(SMPL_HANDS.joints) <= set(layout.joints):
@@ -138,10 +138,11 @@ def hand_size_in(motion: Motion) -> float:
 def with_fingers_of(
     motion: Motion, earlier: Motion, solved: SolvedRange, hands: Mapping[int, HandRange], body: Body
 ) -> Motion:
-    """Add fingers to a motion after a frame range was solved again. They come from the earlier motion where needed.
+    """Add fingers to a motion after a frame range was solved again. If ``earlier`` has no fingers, change nothing.
 
-    Solved fingers join the earlier ones at the ends of the range, and match the pinned poses. The difference fades
-    linearly to the next pin or end. If ``earlier`` has no fingers, the motion stays unchanged.
+    Frames outside the range, and hands that were not solved again, keep the fingers of the earlier motion. At the ends
+    of the range, the new fingers match the earlier ones. In pinned frames, they match the pinned poses. The correction
+    is interpolated linearly between these frames.
     """
     if earlier.body_layout.num_joints == motion.body_layout.num_joints:
         return motion
@@ -203,7 +204,7 @@ def with_finger_turns(
 ) -> Motion:
     """Give a motion the joints of ``SMPL_HANDS`` and the given finger rotations.
 
-    A finger joint gets the uncertainty of its wrist, because gloves and clips do not state any.
+    Each finger joint gets the uncertainty of its wrist, because gloves and clips do not measure uncertainty.
 
     Args:
         turns: (F, 30, 3) axis-angle rotations of the finger joints in SMPL-H's order, from the body's rest pose.
@@ -255,9 +256,15 @@ def follow_hand(
     turn: Float[np.ndarray, "frames 3"],
     shift: Float[np.ndarray, "frames 3"],
 ) -> PosedFrames:
-    """Rotate and shift one wrist, and adjust the arm to it. ``turn`` are world rotation vectors.
+    """Rotate and shift one wrist, and adjust the arm to it.
 
-    ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))`` are the smallest rotations of the arm's joints (Whitney 1969).
+    ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))`` are the smallest rotations of the arm's joints that shift the wrist p by
+    δ (Whitney 1969). J is the wrist's derivative, W weights the joints, and λ is ``LOADING_M2``.
+
+    Args:
+        side: 0 for the left arm, 1 for the right.
+        turn: (F, 3) world rotation vectors of the wrist.
+        shift: (F, 3) shifts of the wrist in metres.
     """
     names = body.layout.joints
     chain = [names.index(f"{SIDES[side]}_{part}") for part in ("collar", "shoulder", "elbow")]
@@ -290,7 +297,7 @@ def follow_hand(
 
 
 def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the twist vectors (F, 3) of rotations about an axis a: ``2 atan2(q·a, w) a``."""
+    """Return twist vectors (F, 3) about a unit axis a: ``2 atan2(q·a, w) a`` for rotations with quaternions (w, q)."""
     axis = axis / np.linalg.norm(axis)
     q = quat_from_matrix(R)
     angle = 2.0 * np.arctan2(q[:, 1:] @ axis, q[:, 0])
@@ -318,7 +325,7 @@ class SolvedHands(SolvedLayer):
 
 @dataclass(frozen=True)
 class Hands(Layer):
-    """Layer of a solve for both hands. They are solved after the body, and the arms follow."""
+    """Layer that solves both hands after the body, and then adjusts the arms to the hands."""
 
     shown: HandViews | HandClouds  # Views or markers that show the hands.
     SETTINGS: ClassVar[frozenset[str]] = frozenset({"learn_noise"})
@@ -340,9 +347,9 @@ def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...
 def solve_hands(
     shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
-    """Solve the hands of a solved body, and adjust its arms. A take that is too short has no hands (None).
+    """Solve the hands of a solved body, and adjust its arms. Return None instead of hands if the take is too short.
 
-    If the body model has no fingers, a diagnostic reports that hands are not solved.
+    If the body model has no fingers, a diagnostic reports that the hands are not solved.
     """
     frames = np.arange(len(solved.frames.transl))
     if len(frames) < LEAST_FRAMES:
@@ -453,11 +460,13 @@ def solve_hand_range(
     settings: SolveSettings,
     alive: Callable[[], None] = lambda: None,
 ) -> HandRange:
-    """Solve one hand in a frame range again, starting from the earlier motion or from points.
+    """Solve one hand in a frame range again.
+
+    The solve starts both from the finger angles ``still`` and from the measured points, and keeps the better result.
 
     Args:
         measured: the hand over the whole take, on the body's current wrist.
-        still: (F, A) finger angles from the earlier solve in radians, replaced by the pins in pinned frames.
+        still: (F, A) finger angles in radians: those of the pins in pinned frames, otherwise of the earlier solve.
     """
     problem = measured.problem
     layout, moving = range_layout(frame_range, problem.num_frames, hand_window(problem.fps))
@@ -477,7 +486,7 @@ def solve_hand_range(
 
 
 def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
-    """Move a hand onto the states (n, D) in the frames ``stays``. The correction between them is interpolated."""
+    """Move a hand to the states (n, D) in the frames ``stays``. Corrections between them are interpolated."""
     found, at = hand.states, stays.astype(int)
     if len(at):
         left, every = states[at] - found[at], np.arange(len(found))

@@ -21,7 +21,7 @@ from solver_backend.types import Motion
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent) -> Keyframes:
-    """Estimate keyframes from single observed frames near them, or from an initial motion.
+    """Estimate keyframes from an initial motion if there is one, otherwise from the nearest observed frames.
 
     Keyframes without observations are interpolated along geodesics between the last and the next observed frame.
     """
@@ -78,9 +78,10 @@ def dense_layout(
 ) -> KeyframeLayout:
     """Shorten windows for fast motion: ``w max(0.6, min(1, √(5.2 / a)))`` frames for acceleration a.
 
-    a is the landmarks' acceleration in m/s², which detector noise barely affects. For fast limbs, the error of a
-    parabola through three keyframes exceeds the detector's error. For slow limbs, closer keyframes would fit the noise.
-    ``layout`` belongs to the first solution, and is returned if its windows of ``window`` frames are short enough.
+    ``layout`` and ``keys`` are a first solution with windows of w (``window``) frames. a is its landmarks' acceleration
+    in m/s², which detector noise barely affects. If the motion is slow, ``layout`` is returned unchanged. For fast
+    limbs, the error of a parabola through three keyframes exceeds the detector's error. For slow limbs, closer
+    keyframes would fit the noise.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points = to_numpy(points_of(model.subject, frames))
@@ -92,7 +93,8 @@ def dense_layout(
 def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
     """Return the mean and 95th percentile of the acceleration of points (F, L, 3) in m/s².
 
-    It is ``|x(t - h) - 2 x(t) + x(t + h)| / h²``. With a spacing h of ``apart`` frames, 4 mm of noise adds 2.2 m/s².
+    The acceleration is ``|x(t - h) - 2 x(t) + x(t + h)| / h²``. With h of ``apart`` frames, 4 mm of noise adds 2.2
+    m/s².
     """
     apart = max(1, min(apart, (len(points) - 1) // 2))
     around = points[2 * apart :] - 2 * points[apart:-apart] + points[: -2 * apart]
@@ -102,7 +104,7 @@ def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
 
 
 def closer_window(window: int, pace: float, calm: float, closest: float) -> int:
-    """Return the window length in frames for a pace: ``w max(closest, min(1, √(calm / pace)))``."""
+    """Return the window length in frames, ``w max(closest, min(1, √(calm / pace)))``, for an acceleration ``pace``."""
     return max(2, round(window * max(closest, min(1.0, (calm / max(pace, 1e-6)) ** 0.5))))
 
 
@@ -126,7 +128,7 @@ SHORTEST = 3  # Fewest consecutive frames (one at the ends of a take). Shorter r
 def lost_landmarks(
     found: np.ndarray, points: np.ndarray, covariance: np.ndarray, bounds_m: tuple[float, float] = DETECTED_M
 ) -> np.ndarray:
-    """Return an (F, L) mask of landmarks far from their measured positions, as on a limb in a wrong pose."""
+    """Return an (F, L) mask of landmarks far from their measured positions, for example on a limb in a wrong pose."""
     lost_m, beside_m = bounds_m
     variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
     squared = np.sum((found - points) ** 2, axis=-1)
@@ -145,7 +147,7 @@ def lost_landmarks(
 
 
 def roughness(points: np.ndarray) -> np.ndarray:
-    """Return second differences of points (F, L, 3) in metres: (F, L) maxima over a frame and its neighbours.
+    """Return how far points (F, L, 3) jump between frames in metres: the largest value in a frame and its neighbours.
 
     ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|``, or 0 where unknown.
     """
@@ -174,8 +176,8 @@ def resolve_lost_limbs(
 ) -> Keyframes:
     """Solve lost limbs again, and keep the result where it reduces the cost.
 
-    Points that are wrong in several frames look like a lost limb, and only the cost distinguishes the two. Lost limbs
-    in more windows than a chunk has are not solved again. ``points`` are (F, L, 3) landmarks on the body, and
+    Points that are wrong in several frames look like a lost limb, and only the cost distinguishes the two. Ranges of
+    more than ``CHUNK_WINDOWS`` windows are not solved again. ``points`` are (F, L, 3) landmarks on the body, and
     ``frames`` their frame numbers (default: all frames).
     """
     lost = _lost_windows(measurements, layout, points, frames)
@@ -205,7 +207,7 @@ def keys_of(windows: slice) -> slice:
 
 
 def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
-    """Cut a window range out of a take, as a separate problem with fixed outermost keyframes."""
+    """Cut a window range out of a take as a separate problem. Its ends inside the take are fixed."""
     fixed_ends = windows.start > 0, windows.stop < layout.num_windows
     return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
 
@@ -239,8 +241,9 @@ def resolve_outlier_markers(
 ) -> Keyframes:
     """Solve windows with outlier markers again while this reduces the number of outliers.
 
-    Each round starts where the last one improved. ``measurements`` are the markers of a calibrated person, not the
-    keypoints of a motion. References: Blake and Zisserman 1987 (graduated non-convexity), Black and Rangarajan 1996.
+    Each round starts from the solution of the previous round, and solves only windows that it improved.
+    ``measurements`` must be markers on a calibrated person. References: Blake and Zisserman 1987 (graduated
+    non-convexity), Black and Rangarajan 1996.
     """
     frames = layout.frames
     windows_of, _ = layout.positions(frames)

@@ -40,8 +40,9 @@ Stencil = Sequence[Array | float]  # Coefficients of neighbouring keys.
 class KeyframeNormalEquations:
     """Block-tridiagonal normal equations for the n N + 1 keyframes of N windows.
 
-    Block w contains the n keyframes starting at n w. The last block is padded with dummy keyframes. Terms over
-    keyframes need n = 2. The ``add`` methods modify the arrays in place, because these are large.
+    Block w contains the n keyframes starting at n w. The last block is padded with dummy keyframes. Priors that couple
+    neighbouring keyframes are only possible for n = 2. The ``add`` methods modify the arrays in place, because these
+    are large.
     """
 
     diagonal: Array  # (N + 1, n D, n D), single precision, because it only affects the steps.
@@ -82,13 +83,13 @@ class KeyframeNormalEquations:
         return cls(diagonal, upper, zeros((num_windows + 1, free * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
-        """Add the windows' matrices over all n + 1 keyframes, except the last keyframe's own block."""
+        """Add the windows' matrices over n + 1 keyframes, without the diagonal block of the last keyframe."""
         inner = self.free * self.dof
         self.diagonal[windows] += hessian[:, :inner, :inner]
         self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
 
     def add_ends(self, hessian: Array, gradient: Array) -> None:
-        """Add the own blocks (N, D, D) of the windows' last keyframes, and the gradient."""
+        """Add the diagonal blocks (N, D, D) of the windows' last keyframes, and the gradient of all keyframes."""
         self.diagonal[1:, : self.dof, : self.dof] += hessian
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
@@ -204,11 +205,11 @@ class BundleModel:
         return key_poses(self.prior, keys, layout, frames, residuals=turned, spline=spline, screw=self.screw)
 
     def curve(self, keys: Keyframes, rows: WindowRows, *, residuals: bool) -> KeyframeCurve:
-        """Return the curves of N windows, which give their frames as functions of the keyframes."""
+        """Return the curves through the keyframes of N windows. They give the pose in each frame."""
         return KeyframeCurve.through(_by_windows(keys, rows), rows.time, residuals=residuals, screw=self.screw)
 
     def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
-        """Decode the rotations (W·n, J, 3, 3) once if the codes are fixed. Otherwise return None."""
+        """Decode the rotations (W·n, J, 3, 3) of n frames in each of W windows once. Return None if codes are free."""
         if CODE in self.free:
             return None
 
@@ -243,7 +244,7 @@ class BundleModel:
         return self._at_windows(data.cost, keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
-        """Return the normal equations at a solution. Their inverse is its covariance."""
+        """Return the normal equations at a solution. The inverse of their matrix is the covariance of the solution."""
         # If codes are fixed, stride the rows before sampling them, so that few frames are posed.
         stride = 1 if CODE in self.free else max(1, int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES)
         rows = layout.rows(stride)
@@ -298,15 +299,15 @@ def data_equations(
     ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7). ``x_f`` is on the curve through the
     window's keyframes (eqs. 6.9, 6.10), and ``E_f`` is the data term of one frame (eq. 6.8).
 
-    The gradient is exact. The Gauss-Newton matrix is exact if keyframes stay on the manifold. With residual rotations
-    it is approximate: Lagrange weights w interpolate the pose tangents P of the keyframes, which are close to each
-    other and nearly solved: ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``. This needs the network's derivative only at the
-    keyframes.
+    The gradient is exact. If keyframes stay on the prior's manifold, the Gauss-Newton matrix is also exact. With
+    residual rotations it is approximated by ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``: Lagrange weights w interpolate the
+    derivatives P of the keyframes' poses. Keyframes are close to each other and nearly solved, so the error is small.
+    This needs the network's derivative only at the keyframes.
 
     Args:
         rows: the frames of N windows.
         hessian_frames: number of frames per window whose Hessians are computed.
-        decoded: see ``BundleModel.decode_fixed``, which is called if None.
+        decoded: the result of ``BundleModel.decode_fixed`` for these keyframes. None computes it.
     """
     columns, blocks, free = rows.columns(hessian_frames), _blocks(rows, keys), _free_keys(keys, rows)
     local = data.decode_fixed(keys, rows) if decoded is None else decoded
@@ -424,8 +425,10 @@ FADING_S = 0.15  # Time constant in seconds with which speeds decay in frames wi
 class MotionPrior:
     """Gaussian prior on the acceleration of keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s²``.
 
-    A prior on acceleration alone preserves speed through a gap, so that people drift. Between unobserved keyframes with
-    spacing h, ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` penalises speed, which decays as ``exp(-t / tau)``.
+    s is the standard deviation of acceleration times the squared time between keyframes. A prior on acceleration alone
+    preserves speed through a gap, so that people drift. Between unobserved keyframes with spacing h,
+    ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` penalises speed, which decays as ``exp(-t / tau)``. tau is
+    ``FADING_S``.
     """
 
     spacing_s: float  # Time between keys.
@@ -468,7 +471,7 @@ class MotionPrior:
         return [((1, -2, 1), weight), ((-1, 1), self.unseen * weight * (self.spacing_s / FADING_S) ** 2)]
 
     def _smooth_parts(self, keys: Keyframes, free: StateLayout) -> list[tuple[str, Array, Array, float]]:
-        """Return block, value (K, n), tangents (K, n, d) and sigma of each free block that has a motion prior."""
+        """Return name, value (K, n), tangents (K, n, d) and deviation of each state block that has a motion prior."""
         xp = array_namespace(keys.z)
         placed = [
             (ROOT, keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma),
@@ -488,11 +491,12 @@ the improvement."""
 
 @dataclass(frozen=True)
 class ResidualRotationTerm:
-    """Prior for residual rotations ``r_ki = rho_ki / sigma_i`` at keyframe k, relative to the decoded pose.
+    """Prior for residual rotations ``r_ki = rho_ki / sigma_i`` of angle i at keyframe k, relative to the decoded pose.
 
     The cost is ``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²``. The penalty on ``s = r_ki²`` has heavy tails,
     because toes move rarely but far (Geman and McClure 1987). The second difference
-    ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the motion prior for rotations that codes cannot express.
+    ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the motion prior for rotations that codes cannot express. The fields
+    define n, c and m.
     """
 
     sigma: np.ndarray  # (J, 3) radians: error of the prior's reconstructions.
@@ -517,7 +521,8 @@ class ResidualRotationTerm:
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         """Add the term's normal equations at these keyframes in place.
 
-        Keyframes on opposite sides of a window boundary are not coupled. Their product is bounded by squares.
+        The second difference at a window boundary would couple keyframes of two windows. The matrix replaces this
+        product by an upper bound from squares.
         """
         scaled, m = self._scaled(keys), self.steadiness
         _, weight = geman_mcclure(scaled * scaled, self.reach)

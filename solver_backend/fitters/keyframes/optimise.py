@@ -56,7 +56,7 @@ class KeySolution:
 
 
 def _joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
-    """Join the solutions of several parts. Costs of windows that parts share count twice."""
+    """Join the solutions of several parts. A window that belongs to two parts counts twice in the cost."""
     return KeySolution(keys, sum(part.cost for part in parts), Convergence.joined(part.convergence for part in parts))
 
 
@@ -127,7 +127,7 @@ SINGLE_TO_M = 100.0  # Within this distance of the origin, single precision reso
 
 @dataclass(frozen=True)
 class Chunk:
-    """Windows kept from a chunk's solution, and the wider range that is solved for them."""
+    """Range of windows to solve, and the part of this range whose solution is kept."""
 
     kept: slice
     solved: slice
@@ -144,7 +144,7 @@ class Chunk:
 
 
 def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list[Chunk]:
-    """Divide N windows into chunks of about ``windows``, with windows added on both sides."""
+    """Divide N windows into chunks of about ``windows``, which are solved with windows before and after them."""
     count = max(1, round(num_windows / windows))
     bounds = np.round(np.linspace(0, num_windows, count + 1)).astype(int).tolist()
     return [
@@ -209,11 +209,12 @@ def solve_long(
     overlap: int = OVERLAP_WINDOWS,
     each: Stretches = in_turn,
 ) -> KeySolution:
-    """Solve a long take in chunks of windows. A second round solves the windows between them with fixed ends.
+    """Solve a long take in chunks of ``windows`` windows, in two rounds.
 
-    Chunks in the second round begin and end at keyframes of their neighbours, so that curves and second differences
-    join exactly. Chunks in the same round are independent. The result does not depend on processes or order (red-black
-    Gauss-Seidel, Young 1971). The first round adds ``overlap`` windows on both sides of a chunk of ``windows`` windows.
+    The first round solves every second chunk, with ``overlap`` additional windows on both sides. The second round
+    solves the other chunks between fixed keyframes of their neighbours, so that curves and second differences join
+    exactly. Chunks of the same round are independent. The result does not depend on processes or order (red-black
+    Gauss-Seidel, Young 1971).
     """
     keys, found = hemisphere_aligned(start), []
     for first, beyond in ((0, overlap), (1, 1)):
@@ -263,10 +264,10 @@ def joint_covariance(
 ) -> Array:
     """Return posterior covariances (F, J + S, 3, 3) of joints (m²) and segments (rad²).
 
-    The covariance of joints is ``k f J B S Bᵀ Jᵀ + c² I``. For segments, ``turn_covariance`` uses ``k f B S Bᵀ``. S is
-    the posterior covariance of the three keyframes in a frame's window. B is the pose's derivative w.r.t. these
-    keyframes (pose tangents with Lagrange weights). J is the derivative of the joints w.r.t. the pose, f the inflation,
-    k is ``CALIBRATION``, and c the constant.
+    The covariance of joints is ``k f J B S Bᵀ Jᵀ + c² I``. Segment rotations are computed from ``k f B S Bᵀ`` (see
+    ``turn_covariance``). S is the posterior covariance of the three keyframes in a frame's window. B is the pose's
+    derivative w.r.t. these keyframes (pose tangents with Lagrange weights). J is the derivative of the joints w.r.t.
+    the pose. k is ``CALIBRATION``, f is ``inflation``, and c is ``constant_m``.
 
     Args:
         system: normal equations at the solution.
@@ -342,7 +343,7 @@ def covariance_of_joints(
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
-    """Interpolate values (F, ...) linearly at the wanted frames, constant beyond the ends."""
+    """Interpolate values (F, ...) linearly at the wanted frames. Beyond the ends, repeat the first or last value."""
     after = np.clip(np.searchsorted(frames, wanted), 1, max(1, len(frames) - 1))
     before, after = after - 1, np.minimum(after, len(frames) - 1)
     share = np.clip((wanted - frames[before]) / np.maximum(frames[after] - frames[before], 1), 0.0, 1.0)

@@ -314,7 +314,7 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Fix shape coefficients beyond a limit at this limit. Return None if there are none."""
+    """Return a prior that fixes the shape coefficients beyond ``limit`` at the limit, or None if all are within it."""
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
@@ -347,7 +347,7 @@ def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> Marker
 
 
 def person_of(motion: Motion) -> MarkerSubject | None:
-    """Return the person's record from an earlier marker solve, or None without markers."""
+    """Return the person's record from an earlier marker solve, or None if the motion was not solved from markers."""
     labels, places, offsets, sigma = motion.marker_labels, motion.layout, motion.offsets, motion.marker_sigma
     if offsets is None or labels is None or places is None or sigma is None:
         return None
