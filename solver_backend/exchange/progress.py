@@ -86,10 +86,10 @@ class ConsoleProgress(_Paced):
 
 
 class JsonProgress(_Paced):
-    """Writes progress as JSON lines: the first and last of a stage, and at most one more per interval."""
+    """Writes progress as JSON lines: at the start and end of each stage, and at most once per interval between."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Write a progress event if it is due."""
+        """Write a progress event at the start and end of a stage, and otherwise at most once per interval."""
         first, eta_s = self._clock.starts(stage), self._clock.eta_s(stage, done, total)
         if not first and done < total and self._is_early():
             return

@@ -55,7 +55,7 @@ class Prop:
 
     @property
     def is_of_poses(self) -> bool:
-        """True if the markers represent poses stored in a file."""
+        """True if the markers are the origin and axes of a recorded pose instead of recorded markers."""
         return tuple(label.rpartition(":")[2] for label in self.labels) == POSE_POINTS
 
     def in_axes(self, origin: np.ndarray, axes: np.ndarray) -> Prop:

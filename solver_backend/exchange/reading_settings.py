@@ -27,7 +27,8 @@ class TimeSettings:
     """Settings that map camera names and select frames.
 
     Raises:
-        JobInvalid: a camera is not RECORDED=CALIBRATED, an offset is not CAMERA=FRAMES, or frames are not a range.
+        JobInvalid: ``camera`` is not of the form RECORDED=CALIBRATED, ``offset`` is not of the form CAMERA=FRAMES, or
+            ``frames`` is not a range.
     """
 
     # fmt: off
@@ -52,7 +53,7 @@ class TimeSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """Changes to the calibrated world before the solve."""
+    """Settings that scale, level or move the calibrated cameras before the solve."""
 
     # fmt: off
     stature: float = _world(
@@ -75,13 +76,13 @@ class WorldSettings:
 
     @property
     def changes_world(self) -> bool:
-        """True if these settings always change the world."""
+        """True if these settings change every capture's world. Automatic levelling changes only some."""
         return bool(self.stature) or self.scale != 1.0 or self.level == ON or bool(self.camera_path)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingSettings:
-    """Information that recorded files may not contain."""
+    """Facts that the recorded files may not contain, such as the frame rate and the length unit."""
 
     # fmt: off
     fps: float | None = _reading(

@@ -117,13 +117,13 @@ class Seam:
 
     @property
     def without_rates(self) -> Seam:
-        """The seam without its velocity difference, which is wrong by half a frame at the ends of a take."""
+        """The seam without its velocity difference. At a motion's ends, that difference is half a frame off."""
         rates: dict[str, Any] = {"turn_rates": 0.0 * self.turn_rates, "velocity": 0.0 * self.velocity}
         return replace(self, corner_degrees=0.0, corner_mm=0.0, **rates)
 
 
 def measure_seam(before: MotionFile, at: int, after: MotionFile, start: int) -> Seam:
-    """Measure the difference between a frame of one motion and the frame that replaces it."""
+    """Measure the difference between frame ``at`` of one motion and frame ``start`` of the next motion."""
     placement = _aligned(before, at, after, start)
     R = placement.turn
     one, two = _state(before, at), _state(after, start)
@@ -305,7 +305,7 @@ def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tupl
 
 
 def _gap(motion: MotionFile, first: int, last: int) -> Seam:
-    """Return the seam between two frames of a motion. Rates are omitted at the ends of the take."""
+    """Return the seam between two frames of a motion, without velocities at the ends of the motion."""
     seam = measure_seam(motion, last, motion, first)
     return seam if first > 0 and last < motion.num_frames - 1 else seam.without_rates
 
@@ -411,11 +411,12 @@ def _arc(angle: float | np.ndarray) -> np.ndarray:
 
 
 def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tuple[MotionFile, Seam]:
-    """Join two motions of the same body, and return the result and the difference at the seam.
+    """Join two motions of the same body. Return the joined motion and the seam.
 
-    The second motion starts where the first one ends, in its direction and at its frame rate, on the feet that are
-    planted in both poses. Its first frame replaces the last frame of the first motion. If its shape differs, it adopts
-    the first one's shape, and its pelvis positions are scaled by leg length. ``join_notes`` lists what is lost.
+    The second motion is resampled to the first one's frame rate. It is moved and rotated on the ground to continue the
+    first motion, so that feet that are planted in both motions stay in place. Its first frame replaces the first
+    motion's last frame. If the body shapes differ, the second motion gets the first one's shape, and its pelvis
+    positions are scaled by leg length. ``join_notes`` lists what is lost.
 
     Raises:
         MotionInvalid: the motions have different bodies or joints.

@@ -207,7 +207,7 @@ def _in_metres(row: Setting, value: Any) -> str:
 
 
 def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Prepare plain values for a settings dataclass. Raise ``JobInvalid`` for unknown names."""
+    """Remove None from settings, and convert lists to tuples. Raise ``JobInvalid`` for unknown names."""
     known = settings_of_class(cls)
     unknown = sorted(set(values) - set(known))
     if unknown:

@@ -190,7 +190,7 @@ class SolveSettings:
 
     @property
     def other_curves(self) -> tuple[str, ...]:
-        """Names of the settings for curves between keyframes that differ from the publication."""
+        """Names of the settings that make the curves between keyframes differ from the published method."""
         published = (("interpolation", 2), ("root_curve", APART))
         return tuple(name for name, value in published if getattr(self, name) != value)
 

@@ -13,7 +13,10 @@ _HALF_S = 0.03  # Seconds before and after a frame used to measure speed.
 
 
 def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the displacements (F, K, 3) around each frame in metres, and durations (F, 1) in seconds."""
+    """Return the displacement (F, K, 3) in metres around each frame, and the time that it takes (F, 1) in s.
+
+    The displacement is measured from ``_HALF_S`` before to ``_HALF_S`` after each frame.
+    """
     half, index = max(1, round(_HALF_S * fps)), np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
     # A single frame has no displacement, so any duration is valid.

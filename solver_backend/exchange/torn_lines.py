@@ -9,7 +9,10 @@ import numpy as np
 
 
 def torn_line(path: Path | str, text: str) -> str:
-    """Return the path of a BVH file, with the first damaged MOTION line if at most half are damaged."""
+    """Return the path of a BVH file for an error message, with its first damaged MOTION line if there is one.
+
+    The line is omitted if more than half of the lines are damaged.
+    """
     lines = text.splitlines()
     channels = sum(int(count) for count in re.findall(r"(?i)\bCHANNELS\s+(\d{1,4})\b", text))
     first = next((n for n, line in enumerate(lines) if line.strip().startswith("Frame Time")), len(lines)) + 1

@@ -130,7 +130,7 @@ class Parser(argparse.ArgumentParser):
         raise CommandLineInvalid(f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=hint)
 
     def add_settings(self, rows: Collection[Setting], *, everything: bool = True) -> None:
-        """Add settings in their groups. ``everything`` also shows rare ones in the help."""
+        """Add settings to the parser by group. If ``everything`` is True, the help includes rare settings."""
         sections: dict[str, Any] = {"": self}
         exclusive: dict[str, Any] = {}
         for row in rows:
@@ -170,7 +170,7 @@ class Program:
         return [verb for verb in self.verbs.values() if not verb.hidden]
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
-        """Parse the command line to ``verb``, its settings, and the remaining arguments as ``rest``.
+        """Parse a command line. Return ``verb``, its settings, and the remaining arguments as ``rest``.
 
         Raises:
             CommandLineInvalid: the command line is invalid. The hint is the usage or the most similar known word.
@@ -336,7 +336,7 @@ def _add(section: Any, row: Setting, *, shown: bool) -> None:
 
 
 class _Reader:
-    """Reads one value of a setting. It is a class because argparse shows its name in messages."""
+    """Parses one value of a setting. It is a class because argparse uses its ``__name__`` in messages."""
 
     def __init__(self, row: Setting) -> None:
         self._row = row

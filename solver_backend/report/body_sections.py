@@ -111,7 +111,7 @@ def _axes(sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (2,) bounds of a person, including confidence ellipses, in a projection in metres."""
+    """Return the lower and upper corner (2,) in metres of a person's projection with confidence ellipses."""
     flat, reach = points @ axes.T, ELLIPSE * np.sqrt(np.einsum("ka,jab,kb->jk", axes, covariance, axes))
     return (flat - reach).min(axis=0), (flat + reach).max(axis=0)
 
@@ -242,7 +242,10 @@ def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.
 
 
 def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
-    """Return (5, 4, 3) finger chains in metres: along the palm, across it, and out of its back."""
+    """Return finger chains (5, 4, 3) relative to the wrist, in metres and in the axes of the hand.
+
+    The axes point along the palm towards the fingers, across the palm, and out of the back of the hand.
+    """
     chains = np.concatenate([np.broadcast_to(wrist, (5, 1, 3)), joints], axis=1) - wrist
     along = _unit(chains[2, 1])
     back = np.cross(chains[4, 1], chains[1, 1]) * (1.0 if side else -1.0)

@@ -56,7 +56,8 @@ def _shared_views(capture: Capture, rows: np.ndarray) -> _SharedViews | None:
     """Triangulate the given frames (N,) of a capture.
 
     Returns:
-        Points (N, K, 3), and the (C, N, K) detections, inliers and residuals in pixels, or None for a single view.
+        Points (N, K, 3), and for the views (C, N, K) masks of detections and of inliers, and residuals in pixels.
+        None for a single view.
     """
     if (several := capture.several_views) is None:
         return None

@@ -68,7 +68,7 @@ def joints_of(motion: Motion, *names: str) -> np.ndarray | None:
 
 
 def rests(motion: Motion, *names: str) -> bool:
-    """Return whether any of these joints has no data and is shown at rest in some frame."""
+    """Return whether any of the named joints has no data in some frame, and is therefore shown at rest."""
     columns = [motion.body_layout.joints.index(name) for name in names]
     return motion.resting is not None and bool(motion.resting[:, columns].any())
 
@@ -127,7 +127,7 @@ def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
 
 
 def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
-    """Yield a diagnostic if only the marker labels show the side of a single limb."""
+    """Yield a diagnostic if all markers are on one limb, and only their labels tell whether it is left."""
     named = [place for place in places if place[:1] in ("L", "R") and not is_joint_centre(place)]
     if len(named) < len(places) or not of_one_limb(named, load_layouts()):
         return
@@ -138,7 +138,7 @@ def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
 
 
 def useless(is_useless: bool) -> Severity:
-    """Return error severity for a useless result, which is rejected, and warning severity otherwise."""
+    """Return error severity, which rejects the result, if it is useless. Otherwise, return warning severity."""
     return Severity.ERROR if is_useless else Severity.WARNING
 
 
@@ -242,9 +242,9 @@ class ViewAgreement:
 def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
     """Find the views that agree with the solved body in each frame.
 
-    A view that shows other people counts against the person only if they are where the person should be, at least two
-    views show the person, and no view shows both. People who enter, leave or occlude the person do not count.
-    Interpolated frames and views that the user excluded do not count either.
+    A view agrees if its detections of the person are near the projected body. If a view detects another person at the
+    body's position instead, it disagrees, provided that at least two views detect the solved person, and no view shows
+    both people apart. Views without either person and views that the user excluded do not count.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)
@@ -270,7 +270,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
 
 
 def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
-    """Project the body's keypoints (C, F, K, 2), or return the detections if it has none."""
+    """Return the (C, F, K, 2) pixels of the body's projected keypoints, or the detections without a 3D body."""
     assert capture.cameras is not None and capture.keypoints is not None
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
@@ -318,7 +318,7 @@ _STANCE = JointSet.COCO_17
 
 
 def _tilt(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield a diagnostic if a person's stance, judged by trunk, balance and feet, is tilted from Z."""
+    """Yield a diagnostic if Z is not the vertical estimated from a standing person's trunk, balance and feet."""
     limbs = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     names = [f"{side}_{limb}" for limb in limbs for side in ("left", "right")]
     joints = joints_of(motion, *names)
@@ -353,7 +353,8 @@ def without_explained(
 ) -> Iterator[Diagnostic]:
     """Remove the reader's warnings about cameras that the solve has corrected.
 
-    Comparisons with a corrected camera are also removed. The focal lengths are compared again without that camera.
+    In warnings that compare cameras, only the corrected cameras are removed. If too few cameras remain, the warning is
+    removed. If a capture is given, the focal lengths of the remaining cameras are compared again.
     """
     found, table = tuple(found), load_table()
     roles = {item.code: entry.role for item in found if (entry := table.get(item.code))}

@@ -160,7 +160,7 @@ def _path(values: np.ndarray, x: _Scale, y: _Scale) -> str:
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return (first, stop, tint in tenths) of runs of equal tint, with block means in long takes."""
+    """Return (first, stop, tint in tenths) of each run of equal tints. Long takes are averaged in blocks."""
     size = max(1, int(np.ceil(len(values) / MAX_POINTS)))
     starts = np.arange(0, len(values), size)
     tenths = np.array([round(10 * float(np.mean(values[s : s + size]))) for s in starts])

@@ -26,7 +26,7 @@ SHADES_KEY = (
 
 
 def far_from(motion: Motion) -> str:
-    """Return the meaning of an unsure frame, as words in a legend."""
+    """Return the words with which a legend explains uncertain frames."""
     return "far from the detections" if motion.markers is None else "far from the markers"
 
 

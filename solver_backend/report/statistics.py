@@ -78,7 +78,10 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
 
 
 def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
-    """Return the (K,) outlier limits of the solver in pixels, which are twice the robust scale."""
+    """Return the (K,) residuals in pixels above which the solver regards a detection as an outlier.
+
+    They are twice the robust scale times the standard deviation of the keypoint.
+    """
     sigma = np.asarray(motion.provenance.get("sigma_px", ()), dtype=np.float64)
     settings = motion.provenance.get("settings", {})
     usual = SolveSettings().robust_scale
@@ -90,7 +93,7 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
 
 
 def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
-    """Return the percentage of the true elements of ``of`` that are true in ``yes``, NaN for none."""
+    """Return the percentage of the elements in mask ``of`` that are also in mask ``yes``, NaN if ``of`` is empty."""
     total = np.asarray(of.sum(axis=axis))
     return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
 

@@ -43,7 +43,7 @@ class CameraFaults:
 
 @dataclass(frozen=True)
 class MarkerFaults:
-    """Faults of recorded markers. Ideal ones are in nominal positions and move with the bones."""
+    """Faults of recorded markers. Without faults, markers are in nominal positions and move with the bones."""
 
     measurement_mm: float = 0.0  # Standard deviation of the measurement per axis.
     placement_mm: float = 0.0  # Standard deviation per axis of a marker's placement on the body.

@@ -52,10 +52,11 @@ def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
 
 
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
-    """Mask the pieces that continue the longest one, directly or after a jump and return.
+    """Return which pieces of a path between jumps are kept. The other pieces are interpolated.
 
-    The first and last piece are always kept. Runs of pieces that are longer than a jump are also kept, because the
-    figure may be moving fast.
+    Starting at the longest piece, a piece is kept if it can be reached from the last kept piece at a plausible speed,
+    or if it is longer than ``_LONGEST_S``. The first and last piece are always kept. If the gap between two kept pieces
+    is too long, or cannot be crossed at a plausible speed, the pieces in the gap are also kept.
     """
     lengths = [stop - first for first, stop in pieces]
     anchor = int(np.argmax(lengths))

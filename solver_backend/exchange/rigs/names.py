@@ -133,7 +133,10 @@ def _split_off_side(word: str) -> list[str]:
 def _scored(
     words: dict[str, tuple[str, tuple[str, ...]]], side: str, synonyms: tuple[str, ...], parents: dict[str, str]
 ) -> Iterator[tuple[int, int, int, str]]:
-    """Yield scores and bones on one side with one of these words in their names. Lower is more likely."""
+    """Yield sort keys (rank of the synonym, name length, depth) and names of one side's matching bones.
+
+    A bone matches if its name contains one of the synonyms. The lowest key is the most likely bone.
+    """
     for bone, (of_side, kept) in words.items():
         if of_side != side or not kept or _NOT_BODY & set(kept):
             continue
@@ -197,7 +200,7 @@ _BONES = 3  # Number of bones per finger that have roles, as in SMPL-H.
 
 
 def finger_roles(skeleton: Skeleton, hand: int, forearm: float) -> dict[str, int]:
-    """Return the finger bones that are certain, by role without side (``index_1``)."""
+    """Return a hand's unambiguous finger bones, by role without the side (``index_1``)."""
     chains = [skeleton.main_path(child) for child in skeleton.children[hand]]
     chains = [chain for chain in chains if skeleton.distance(hand, chain[-1]) > _KNUCKLE * forearm]
     named = _by_names(skeleton, chains)
@@ -221,7 +224,10 @@ def _by_names(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int
 
 
 def _by_places(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Assign five chains to fingers. The thumb points away from the others, which follow in order."""
+    """Assign five bone chains of a hand to fingers by their positions. Return {} if this is ambiguous.
+
+    The thumb is the chain that points away from the other four. They are sorted by their distance from the thumb.
+    """
     chains = [chain for chain in chains if len(chain) > 1]
     if len(chains) != len(FINGERS):
         return {}

@@ -23,7 +23,7 @@ _SNAP = np.cos(np.radians(12.0))  # Cosine of the angle below which a facing dir
 
 
 def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the rotation from a skeleton's axes to the stage, or None if its sides are unknown.
+    """Return the rotation from a skeleton's axes to Z up and -Y forwards. None if left and right are unknown.
 
     Args:
         places: maps roles to (3,) head positions at rest, including the pelvis or the feet.
@@ -75,7 +75,7 @@ def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def standing_frame(places: Mapping[str, np.ndarray], up: np.ndarray) -> int | None:
-    """Return the frame with the straightest legs below an upright trunk, or None without one.
+    """Return the frame in which the figure stands straightest, or None if it never stands.
 
     Args:
         places: maps roles to (F, 3) head positions.
@@ -108,12 +108,13 @@ def _angles_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (3, 3) rotations of both bones from a limb at rest to the limb of another figure.
+    """Return the (3, 3) rotations that align both bones of a limb at rest with the limb of another figure.
 
-    Each frame M consists of the bone's direction, the hinge, and the normal to both: ``A = M_own M_points^T``.
+    The columns of a bone's frame M are its direction, the hinge, and the normal to both. The rotation is
+    ``A = M_own M_points^T``.
 
     Args:
-        points: (3, 3) positions of hip, knee, ankle or shoulder, elbow, wrist on the stage.
+        points: (3, 3) positions of hip, knee, ankle or shoulder, elbow, wrist, with Z up and -Y forwards.
         own: (3, 3) the same positions for the other figure. Its limbs bend about their anatomical axes.
     """
     turns = []

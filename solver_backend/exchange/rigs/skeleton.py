@@ -121,7 +121,7 @@ _KNOWN = re.compile(
 
 
 def is_role(name: str) -> bool:
-    """Return whether a name is a bone's role. The carrier moves the whole body and may be the pelvis."""
+    """Return whether a name is a role that a bone can have, such as ``pelvis``."""
     return _KNOWN.fullmatch(name) is not None
 
 

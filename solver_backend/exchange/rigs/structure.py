@@ -51,10 +51,11 @@ def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list
 
 
 def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
-    """Choose a limb's end among the bones after its middle joint that are named like the end.
+    """Choose the wrist or ankle among the bones after a limb's middle joint that have its name.
 
-    The first one is chosen, unless the next one is further away than a palm. Depth cameras track the middle of the palm
-    as the hand. In Acclaim skeletons, the wrist rotates the lower forearm, and the hand begins at the joint.
+    The first bone is chosen, because depth cameras track the middle of the palm as a second hand joint. If the next
+    bone is further away than a palm's length, it is chosen instead. For example, the wrist in Acclaim skeletons rotates
+    the lower forearm, and the hand bone starts at the anatomical wrist.
     """
     joint, *others = (k for k in range(middle + 1, len(path)) if bears[k])
     for k in others:
@@ -111,7 +112,7 @@ def _arm_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
 
 
 def _line_cost(points: np.ndarray, a: int, b: int) -> float:
-    """Return the cost of the bones within a segment, which should lie on its line in order."""
+    """Return the cost of the bones between a and b, which should lie on the line from a to b in order."""
     if b == a + 1:
         return 0.0
     between, way = points[a + 1 : b] - points[a], points[b] - points[a]
@@ -216,7 +217,7 @@ def _is_named(skeleton: Skeleton) -> bool:
 def _on_the_same_sides(
     skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]
 ) -> tuple[LimbFit, LimbFit]:
-    """Assign the arms to the same sides as the legs, judged by positions or otherwise by clear names."""
+    """Order the arms like the legs, for example left before right. Positions decide, or else clear names."""
     ways = [skeleton.heads[a.joints[0]] - skeleton.heads[b.joints[0]] for a, b in (legs, arms)]
     cosine = float(ways[0] @ ways[1]) / max(float(np.prod(np.linalg.norm(ways, axis=1))), 1e-12)
     votes = [_side_votes(skeleton, pair[0].path[0], pair[1].path[0]) for pair in (legs, arms)]
@@ -263,7 +264,7 @@ def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
 
 
 def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool, list[str]]:
-    """Return whether toes or names show that each pair's first limb is the left one, and warnings."""
+    """Return whether the first limb of each pair is the left one, and warnings. Toes decide, or else names."""
     apart = skeleton.heads[limbs.legs[0].joints[0]] - skeleton.heads[limbs.legs[1].joints[0]]
     ahead = np.zeros(3)
     for fit in limbs.legs:
@@ -329,7 +330,10 @@ def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbF
 
 
 def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: list[_Limbs]) -> list[str]:
-    """Remove roles that a similarly likely interpretation assigns differently, and return messages."""
+    """Remove a limb's roles if an almost equally likely interpretation assigns them differently.
+
+    Return a message about each ambiguous pair of limbs.
+    """
     doubts = []
     for limb, parts in (("legs", _LEG), ("arms", (*_ARM, *FINGERS))):
         own = getattr(best, limb)
@@ -360,7 +364,7 @@ def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.
 
 
 def _add_named_head(roles: dict[str, int], skeleton: Skeleton, trunk: list[int]) -> list[str]:
-    """Add the only bone named as a head, because a trunk along one axis does not reveal the head."""
+    """Add the roles of head and neck if exactly one bone is named as a head. Otherwise, return a message."""
     heads = [bone for bone in skeleton.below(trunk[0]) if names_part(skeleton.names[bone], "head")]
     if len(heads) != 1:
         return ["No head was found."]

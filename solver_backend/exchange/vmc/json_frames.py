@@ -37,7 +37,7 @@ class JsonFrames:
         return apart @ _STAND.T * _CM
 
     def encode(self, time_s: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Encode a pose as a packet. ``rotvec`` (n, 3) rotates the first n joints, and others are at rest."""
+        """Encode a pose as a packet. ``rotvec`` (n, 3) rotates the first n joints. All other joints are at rest."""
         local = np.tile(np.eye(3), (self.layout.num_joints, 1, 1))
         local[: len(rotvec)] = matrix_from_rotvec(rotvec)
         before = np.concatenate([np.eye(3)[None], np.broadcast_to(_STAND, (self.layout.num_joints - 1, 3, 3))])

@@ -190,7 +190,7 @@ class FrameBundle:
         self._turns = (ends[3:, None] - 16 + np.arange(16)).ravel()
 
     def encode(self, time_s: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Encode a pose as a bundle. ``rotvec`` (n, 3) rotates the first n joints, and others are at rest."""
+        """Encode a pose as a bundle. ``rotvec`` (n, 3) rotates the first n joints. All other joints are at rest."""
         quat, hips = self.humanoid.to_unity(rotvec, transl)
         self._bytes[self._time] = _big_endian(np.array([time_s]))
         self._bytes[self._hips] = _big_endian(hips)

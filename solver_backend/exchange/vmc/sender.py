@@ -62,7 +62,7 @@ BACK_S = 2.0
 
 
 class PacketSender:
-    """A UDP socket to one receiver. It drops packets that cannot be sent, and counts refusals."""
+    """A UDP socket to one receiver. Packets that cannot be sent are dropped and counted."""
 
     def __init__(self, address: VmcAddress) -> None:
         self.address = address
@@ -83,7 +83,7 @@ class PacketSender:
             ) from error
 
     def send(self, packet: bytes) -> str:
-        """Send a packet. Return a message when the receiver disappears or returns, otherwise ""."""
+        """Send a packet. Return a message if the receiver has disappeared or is available again, otherwise ""."""
         refusal = self._try(packet)
         if refusal is not None:
             self._try(packet)  # the refusal concerns an earlier packet, and this one was not sent

@@ -146,7 +146,7 @@ class CheckedValues:
         return int(value[0]), int(value[1])
 
     def fill(self, kind: type[T], limits: Mapping[str, Any], **given: Any) -> T:
-        """Build a dataclass from the description's values. Its fields have the default values.
+        """Build a dataclass from the description's values. Missing values are the defaults of the dataclass.
 
         Args:
             limits: the range of each number and the names of each choice. Fields without an entry are booleans.

@@ -117,7 +117,7 @@ def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[np.ndarray]:
-    """Choose a box (4,) for each name near its marker, away from names and preferably the body."""
+    """Choose a box (4,) near its marker for each name. Boxes avoid other boxes, markers, and the body if possible."""
     choices = [name.boxes() for name in names]
     own = [_cost(boxes, markers, paper) for boxes in choices]
     at = [int(cost.argmin()) for cost in own]
@@ -129,7 +129,7 @@ def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[n
 
 
 def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarray:
-    """Return the cost of each candidate box for a name. ``paper`` (h, w) marks pixels without the body."""
+    """Return the cost of each candidate box for a name. ``paper`` (h, w) marks the background."""
     discs = np.concatenate([markers - MARKER_PX - 1, markers + MARKER_PX + 1], axis=1)
     outside = np.maximum(-boxes[:, :2], 0.0).sum(1) + np.maximum(boxes[:, 2:] - paper.shape[::-1], 0.0).sum(1)
     covered = np.zeros(len(boxes))

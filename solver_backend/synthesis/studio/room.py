@@ -54,10 +54,10 @@ class Room:
         return hidden
 
     def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (h, w) depth of floor and walls in metres, inf if none, and normals.
+        """Return the (h, w) depth in metres and the normals of floor and walls, as seen from a camera.
 
-        The rays (h, w, 3) start at the camera's (3,) centre and have length 1 along its axis. A ray that starts inside
-        a box leaves it through the nearest plane in its direction.
+        The rays (h, w, 3) start at the camera's (3,) centre and have length 1 along its optical axis. They start inside
+        the room, so they end at the nearest plane in their direction. If they hit nothing, the depth is infinite.
         """
         planes = np.where(ray > 0, self.high, self.low)
         with np.errstate(divide="ignore", invalid="ignore"):

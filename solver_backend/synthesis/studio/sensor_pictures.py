@@ -104,7 +104,7 @@ class InfraredModel:
 
 
 def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel) -> np.ndarray:
-    """Return the (h, w) float32 counts from retro-reflective markers, before saturation."""
+    """Return the (h, w) float32 image of the retro-reflective markers in sensor counts, before saturation."""
     height, width = shape
     light = np.zeros(height * width, np.float32)
     if not len(spheres.pixel):
@@ -180,8 +180,8 @@ def _with_rings(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Add a ring of two pixels with the markers' depth around blind patches of a depth image.
 
-    A sphere reflects light at a point ``before_m`` in front of its centre. The (h, w) mask of the rings is also
-    returned.
+    Return the new depth image and the (h, w) mask of the rings. A sphere reflects light at a point ``before_m`` in
+    front of its centre.
     """
     height, width = depth.shape
     owner = np.full(height * width, np.inf, np.float32)

@@ -25,7 +25,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Row and column of t
 
 
 def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the (F, C, K, 3) vectors from camera centres to just before the points (F, K, 3)."""
+    """Return the (F, C, K, 3) vectors from camera centres towards points (F, K, 3), ending just before them."""
     lines = (points[:, None] - centres[:, None]).astype(np.float32)
     length = np.sqrt(np.einsum("fcki,fcki->fck", lines, lines))
     return lines * np.maximum(1 - CLEARANCE_M / np.maximum(length, 1e-6), 0)[..., None]
@@ -66,7 +66,7 @@ _GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand")
 
 @dataclass(frozen=True)
 class RigidSight:
-    """Lookup tables of the directions that see points on the head and hands."""
+    """Lookup tables of the directions from which the head or a hand hides points on its own surface."""
 
     point: np.ndarray  # (Q,) index of each point.
     bone: np.ndarray  # (Q,) bone that each table moves with.
@@ -74,7 +74,7 @@ class RigidSight:
     parts: np.ndarray  # (Q, J) mask of the parts that each table accounts for.
 
     def hidden(self, centres: np.ndarray, points: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Return an (F, C, Q) mask of the points that their own rigid part hides."""
+        """Return an (F, C, Q) mask of the points that are hidden by the head or hand to which they belong."""
         way = (centres[:, None] - points[:, None, self.point]).astype(np.float32)
         local = np.einsum("fqji,fcqj->fcqi", turn[:, self.bone].astype(np.float32), way, optimize=True)
         return self.table[np.arange(len(self.point)), _cell(local)]
@@ -128,7 +128,7 @@ def _cell(ways: np.ndarray) -> np.ndarray:
 
 
 def _folded(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return x and y after unfolding the lower half of the octahedron. The fold is its own inverse."""
+    """Unfold the lower half of an octahedron in the plane, or fold it again. Return the new x and y."""
     below, out = z < 0, ((1 - np.abs(y)) * np.copysign(1, x), (1 - np.abs(x)) * np.copysign(1, y))
     return np.where(below, out[0], x), np.where(below, out[1], y)
 
@@ -193,7 +193,7 @@ def body_proxy(body: Body, betas: np.ndarray) -> BodyProxy:
 
 @lru_cache(maxsize=8)
 def _plan(body: Body) -> tuple[list[_Slab], Landmarks, np.ndarray]:
-    """Return a body's slabs, and the landmarks and skin fractions of its proxy."""
+    """Return the ellipsoid slabs of a body, the proxy's landmarks, and each skin point's share of the skin."""
     skin = body.v_template
     sizes = np.repeat(np.linalg.norm(face_normals(skin, body.faces), axis=1) / 6, 3)
     area = np.bincount(body.faces.ravel(), sizes, minlength=len(skin)) + 1e-12
@@ -227,7 +227,7 @@ def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) ->
 
 
 def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) matrix of a slab's ellipsoid, from the half axes of a ring."""
+    """Return the (3, 3) matrix of an ellipsoid that approximates a slab of skin, a ring about ``axis``."""
     centred = points - weight @ points
     along = centred @ axis
     flat = centred - np.outer(along, axis)
@@ -257,7 +257,10 @@ def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
 
 
 def _squares(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (V, P) squared distances minus the squared length of each skin vertex."""
+    """Return (V, P) squared distances between skin vertices and points, without the vertices' squared lengths.
+
+    These do not affect which point is nearest to a vertex.
+    """
     return (points**2).sum(axis=1) - 2 * skin @ points.T
 
 

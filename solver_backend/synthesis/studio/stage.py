@@ -38,7 +38,7 @@ class Shot:
     look: StudioLook
 
     def rng(self, spec: Spec, stream: str) -> np.random.Generator:
-        """Return a random generator for one aspect of the shot, from the data set's seed and the names."""
+        """Return a random generator for one purpose (``stream``), seeded by the data set's seed and the shot's name."""
         return seeded(spec.seed, self.name, stream)
 
 

@@ -94,7 +94,7 @@ def _keypoints(body: Body) -> tuple[Landmarks, dict[JointSet, list[int]]]:
 
 
 def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, f, 4) boxes of points (f, P, 3) in the image, and (C, f) fractions inside it."""
+    """Return (C, f, 4) boxes around the points (f, P, 3) inside each image, and (C, f) fractions of the skin inside."""
     px = project(cameras, skin)
     # Reduce one axis at a time, because reductions over an axis of length two are slow.
     x, y = (np.ascontiguousarray(px[..., i]) for i in (0, 1))

@@ -58,7 +58,7 @@ def _header(names: list[str], width: int, height: int) -> bytes:
 
 
 def _predicted(raw: bytes) -> bytes:
-    """Return the bytes at even positions, followed by the bytes at odd positions, as differences."""
+    """Prepare bytes for compression: even positions, then odd positions, each minus the previous byte."""
     data = np.frombuffer(raw, np.uint8)
     parted = np.concatenate([data[0::2], data[1::2]]).astype(np.int16)
     parted[1:] = parted[1:] - parted[:-1] + 128

@@ -104,7 +104,7 @@ def place_errors(
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> Landmarks:
-    """Return the keypoints, always as the same object, because it is the key of cached sight tables."""
+    """Return the same object for the same body, because it is the key of cached sight tables."""
     return keypoint_landmarks(body, _SET)
 
 
