@@ -32,7 +32,7 @@ SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 
 @dataclass(frozen=True)
 class CalibrationCheck(CameraFits):
-    """Errors of a calibration on a take, in px. ``best_px`` is the error after the poses were fitted."""
+    """Errors of a calibration on a take, in px. ``best_px`` is measured after the poses were fitted to the take."""
 
     all_px: float  # Median reprojection error over all cameras.
     refined_px: float  # Median reprojection error after the poses have been adjusted.
@@ -40,7 +40,7 @@ class CalibrationCheck(CameraFits):
 
     @property
     def worst_regions(self) -> list[tuple[str, float]]:
-        """Name and error (px) of each camera's worst image region."""
+        """Name (such as "top left") and median error (px) of each camera's worst image region."""
         found = []
         for grid in self.region_px:
             row, column = np.unravel_index(int(np.argmax(np.nan_to_num(grid, nan=-1.0))), grid.shape)
@@ -105,7 +105,7 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
 
 
 def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return the median error (C, 3, 3) in each ninth of the image, NaN for fewer than 30 points."""
+    """Return the median error (C, 3, 3) in each cell of a 3 x 3 image grid, or NaN for fewer than 30 points."""
     grid = np.full((len(cameras), 3, 3), np.nan)
     for c, size in enumerate(cameras.image_size):
         good = np.isfinite(error[c])
@@ -118,7 +118,7 @@ def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarra
 
 
 def _epipolar(cameras: Cameras, xy: np.ndarray, progress: Progress) -> np.ndarray:
-    """Return each camera's median distance (C, ``WINDOWS``) in px from the epipolar lines of other cameras."""
+    """Return each camera's median distance (C, W) in px from the other cameras' epipolar lines in W time windows."""
     n = undistort(cameras, xy)
     windows = np.array_split(np.arange(xy.shape[1]), min(WINDOWS, xy.shape[1]))
     values = {(c, w): [np.array([])] for c in range(len(cameras)) for w in range(len(windows))}

@@ -36,7 +36,7 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
 
 
 def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
-    """Format cameras as caliscope's ``camera_array.toml``. Cameras are numbered in order."""
+    """Format cameras as caliscope's ``camera_array.toml``. The camera numbers start at 0."""
     parts = []
     for c, model in enumerate(cameras.models):
         values = {"cam_id": c, "rotation_count": 0, "error": float(f"{rmse_px or 0.0:.6g}"), "ignore": False}
@@ -112,7 +112,7 @@ def colmap_texts(cameras: Cameras) -> dict[str, str]:
 
 
 def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
-    """Return the name and the coefficients of a COLMAP lens model that has two focal lengths."""
+    """Return the name and coefficients of the COLMAP lens model that has separate focal lengths for x and y."""
     for name, focals, places in LENS_MODELS[model].colmap:
         if focals == 2 and len(places) >= LEAST_TERMS and not np.delete(terms, places).any():
             return name, terms[list(places)]

@@ -51,7 +51,7 @@ class Held:
     centre_sigma_m: float
 
     def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
-        """Return the rotation and translation (C, 6) of cameras from their expected poses, in standard deviations."""
+        """Return how far cameras are rotated and shifted (C, 6) from their expected poses, in standard deviations."""
         turn = log_so3(cameras.R @ np.swapaxes(self.cameras.R, 1, 2))
         moved: np.ndarray = cameras.R @ (cameras.centres - self.cameras.centres)[..., None]
         shift = -moved[..., 0]
@@ -157,7 +157,7 @@ class _BundleState:
     delays: np.ndarray
 
     def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _BundleState:
-        """Apply a step of all cameras (19C,) and of all bodies (B, 3 or 6)."""
+        """Return the state after a step of all cameras (19 C,), 19 parameters each, and of all bodies (B, 3 or 6)."""
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
         t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
@@ -178,14 +178,17 @@ class _Task:
     turning: slice  # Rotation parameters among a body's six. Single points have no rotation.
 
     def whole(self, values: np.ndarray) -> np.ndarray:
-        """Expand values of the unknown parameters to all parameters (19C, ...). Fixed parameters get zeros."""
+        """Expand values of the unknown camera parameters to all 19 C parameters. Fixed parameters get zeros."""
         C = len(self.start)
         full = np.zeros((C, CAMERA_PARAMETERS, *values.shape[1:]))
         full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
         return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
 
     def in_cameras(self, now: _BundleState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return points (N, 3) in camera axes, lever arms (N, 3) from body origins, delay-corrected pixels (N, 2)."""
+        """Return points (N, 3) in camera axes and their offsets (N, 3) from body origins, in world axes.
+
+        Also return the observed pixels (N, 2), corrected for camera delays.
+        """
         seen, bodies, cameras = self.seen, now.bodies, now.cameras
         arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
         world = arm + bodies.t[seen.body]
@@ -202,7 +205,7 @@ class _Task:
             return pixels_of(now.cameras, self.seen.camera, x_cam) - target
 
     def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
-        """Select the pixel derivatives (N, 2, ...) with respect to the unknown parameters of each camera."""
+        """Select the derivatives (N, 2, P) of pixels with respect to the P unknown parameters of their camera."""
         if self.columns.max(initial=0) < 6:
             return by_pose[..., self.columns]
         return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
@@ -303,7 +306,10 @@ class _Equations:
         return V_inverse, W, S, g
 
     def covariance(self, free: np.ndarray, gauge: int) -> np.ndarray:
-        """Invert the equations for the cameras (CP, CP), without the ``gauge`` smallest eigenvalues."""
+        """Return the covariance (C P, C P) of the camera parameters.
+
+        It is the inverse of the reduced normal equations, without their ``gauge`` smallest eigenvalues.
+        """
         _, _, S, _ = self._reduced(free, 0.0)
         if not len(S):
             return np.zeros_like(self.U)
@@ -316,7 +322,10 @@ class _Equations:
 
 
 def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
-    """Return the matrix (C P, Q) from Q unknowns to P parameters of C cameras, and the indices of these parameters."""
+    """Return the matrix (C P, Q) that maps Q independent unknowns to P parameters of each of C cameras.
+
+    Also return the indices (P,) of these parameters.
+    """
     C = len(unknowns.poses)
     late = np.zeros(C, bool) if unknowns.delays is None else unknowns.delays
     lens = np.zeros((C, PARAMETERS), bool) if unknowns.lens is None else unknowns.lens

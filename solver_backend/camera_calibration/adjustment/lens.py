@@ -19,7 +19,7 @@ PARAMETERS = 12  # Number of lens parameters: ln fx, ln fy, cx/f, cy/f and eight
 
 @dataclass(frozen=True)
 class FittedLens:
-    """A lens model and the distortion coefficients that a calibration fits. All others are zero."""
+    """A lens model and the distortion coefficients that a calibration estimates. All other coefficients are zero."""
 
     name: str
     distortion_model: str  # Name of the model in ``Cameras``.
@@ -60,7 +60,7 @@ def lens_of(cameras: Cameras, index: int) -> Lens:
 
 
 def lens_mask(fitted: Sequence[int] | np.ndarray = (), *, centre: bool = False) -> Bool[np.ndarray, " 12"]:
-    """Mask the ``PARAMETERS`` to estimate: focal lengths, given coefficients and optionally the centre."""
+    """Mask the ``PARAMETERS`` to estimate: focal lengths, the ``fitted`` coefficients, and optionally the centre."""
     mask = np.zeros(PARAMETERS, bool)
     mask[:2], mask[2:4], mask[[4 + i for i in fitted]] = True, centre, True
     return mask
@@ -175,10 +175,10 @@ def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"])
 def focal_from_homographies(
     homographies: Float[np.ndarray, "views 3 3"], centre: Float[np.ndarray, " 2"]
 ) -> float | None:
-    """Estimate the focal length in px from board homographies, or return None.
+    """Estimate the focal length in px from board homographies, or return None if they do not determine it.
 
-    It makes the board axes h1 and h2 orthogonal and equally long. The (2,) principal point is known, so ``ω =
-    diag(1/f², 1/f², 1)`` with ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2``.
+    The board axes h1 and h2, the first columns of a homography relative to the principal point ``centre``, must be
+    orthogonal and equally long: ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2`` with ``ω = diag(1/f², 1/f², 1)``.
 
     Reference: Zhang 2000, "A flexible new technique for camera calibration", eqs. 3 and 4.
     """
@@ -195,7 +195,7 @@ def focal_from_homographies(
 def planar_pose(
     plane: Float[np.ndarray, "n 2"], normalised: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Estimate a board's rotation and translation to camera axes from its points (Zhang 2000, sec. 3.1)."""
+    """Estimate a board's pose in camera axes from points on the board and in the image (Zhang 2000, sec. 3.1)."""
     H = homography(plane, normalised)
     H = H / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
     if H[2, 2] < 0:

@@ -206,7 +206,7 @@ class BoardDetector:
 
 
 def charuco_boards(board: Board) -> list[Any]:
-    """Return the OpenCV board in the present pattern and in the pattern of OpenCV before 4.6."""
+    """Return two OpenCV boards: one with today's Charuco pattern, and one with the pattern before OpenCV 4.6."""
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:
@@ -254,10 +254,10 @@ def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int,
 
 
 def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: float) -> Float[np.ndarray, "points 2"]:
-    """Estimate the image velocities (n, 2) of board points in px/s from the neighbouring frames.
+    """Estimate the image velocities (n, 2) of n visible board points in px/s from the neighbouring frames.
 
-    Points that neighbouring frames do not show get the median velocity of the others. All are NaN if no neighbouring
-    frame shows the board.
+    Points that neighbouring frames do not show get the median velocity of the other points. All velocities are NaN if
+    no neighbouring frame shows the board.
     """
     here = sightings[frame]
     steps = np.full((2, len(here.ids), 2), np.nan)

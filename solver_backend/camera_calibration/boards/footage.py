@@ -31,7 +31,7 @@ class BoardFootage:
 
     @property
     def moving(self) -> bool:
-        """True if all extrinsic footage is video, so its cameras may have delays."""
+        """True if all extrinsic footage is video, so that delays between the cameras are possible."""
         return all(path.suffix.lower() in VIDEOS for path in self.extrinsic.values())
 
 

@@ -56,7 +56,7 @@ def calibrate_from_board(
         fps: frame rate in 1/s, needed to estimate each camera's delay relative to the first. None ignores delays.
 
     Raises:
-        CalibrationInvalid: the cameras never see the board at the same time, or its two ends look the same.
+        CalibrationInvalid: cameras never see the board together, or it looks the same after rotation by 180°.
     """
     if not board.ends_differ:
         message = f"The {board} looks the same after half a turn, so its orientation is ambiguous."
@@ -87,8 +87,8 @@ def calibrate_from_board(
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     """Report each camera that seems to have another zoom or recording mode than its lens calibration.
 
-    If the focal length of such a camera is estimated, it changes by more than 3 % and five standard deviations, and the
-    error decreases by a quarter.
+    The focal lengths of all cameras are estimated again. A camera is reported if its focal length changes by more than
+    3 % and five standard deviations, provided that the error of all cameras decreases by a quarter.
     """
     adjusted, names = solved.adjusted, solved.adjusted.cameras.names
     stated = adjusted.cameras
@@ -133,9 +133,10 @@ def placed_boards(
     moments: Sequence[int],
     fps: float | None,
 ) -> tuple[Bodies, BodySightings]:
-    """Return the board pose in each frame, and all sightings. The camera that sees most points gives the pose.
+    """Return the board's pose in each frame, and all observed board points.
 
-    With ``fps``, points have velocities. A point with an unknown velocity gets a small weight.
+    The pose in a frame comes from the camera that sees most board points. If ``fps`` is given, image velocities are
+    estimated. A point with an unknown velocity gets a small weight.
     """
     number = {frame: i for i, frame in enumerate(moments)}
     best: dict[int, tuple[int, Pose]] = {}
@@ -160,12 +161,12 @@ def placed_boards(
 def board_world(
     bodies: Bodies, moments: Sequence[int | str], origin: int, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
-    """Return the rotation and translation to the world of a board on the floor, and a diagnostic.
+    """Place the floor at the board in frame ``origin``. Return the rotation and translation to this world, and a note.
 
     Args:
         moments: frame of each body.
         origin: frame that shows the board on the floor.
-        first: index of the body in the first of these frames.
+        first: index of the body that belongs to the first frame in ``moments``.
     """
     if origin not in moments:
         hint = f"Choose a frame with the board. The first one is {moments[0]}, and the last one {moments[-1]}."

@@ -77,10 +77,10 @@ class Tracks:
 def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) -> FoundPath | None:
     """Estimate a camera's path from tracks in px, or return None if that fails.
 
-    The first two keyframes that have enough parallax provide the first relative pose. Each further keyframe is added
-    together with its points, and adjusted with the most recent ones. As long as the camera has not moved, no points are
-    known, and a pure rotation must explain a keyframe's tracks. Finally, all keyframes are adjusted, and the points
-    provide the poses of the frames in between.
+    The first two keyframes with enough parallax define the start. Each further keyframe gets its pose from points that
+    other keyframes triangulate, and recent keyframes are adjusted together. While the camera has not moved, no points
+    can be triangulated. A pure rotation must then explain the tracks. Finally, all keyframes are adjusted, and their
+    points determine the poses of the frames between keyframes.
 
     Args:
         camera: a single camera, for its lens.
@@ -161,7 +161,7 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
 def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
     """Choose keyframes between which the background moves by about ``apart_px``.
 
-    Because tracks end, keyframes are also chosen close enough to share most of their points.
+    Keyframes are closer together where many tracks end, so that neighbouring keyframes show enough common points.
     """
     keys = [0]
     for frame in range(1, len(tracks.px)):
@@ -176,7 +176,10 @@ def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
 
 
 def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[int, int, np.ndarray, np.ndarray] | None:
-    """Return a keyframe, the later keyframe that has the most parallax to it, and the latter's pose."""
+    """Find the later keyframe that has the most parallax to keyframe ``start``, or return None if all have too little.
+
+    Return both indices, and the rotation and translation from ``start`` to the later keyframe.
+    """
     rng, best = np.random.default_rng(0), (0.0, start, 0, np.eye(3), np.zeros(3))
     for key in range(start + 1, len(keys)):
         table = x.table([keys[start], keys[key]])
@@ -204,10 +207,11 @@ Poses = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """Return (P, 3) points on which the posed keyframes, except those in ``but``, agree, NaN elsewhere.
+    """Triangulate points from the keyframes with known poses, except those in ``but``. Return two arrays (P, 3).
 
-    The first array has the points whose distance is known. The second has the others on their rays, at the median
-    distance. If a camera stands, the rays to a point meet anywhere. These points must not determine positions.
+    The first array contains points with enough parallax. The second contains the other points, placed on their rays at
+    the median distance. Because this distance is arbitrary, these points must not determine camera positions. Points on
+    which too few keyframes agree are NaN.
     """
     x = x[[row for row, key in enumerate(sorted(poses)) if key not in but]]
     if len(x) < 2:
@@ -231,7 +235,7 @@ def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()
 
 
 def _far_points(poses: Poses, key: int, x: np.ndarray, noise: float) -> np.ndarray:
-    """Return (P, 3) distant points along the rays of a keyframe. They only reveal rotations."""
+    """Place P points far away on a keyframe's rays. Return (P, 3). Such points only determine camera rotations."""
     R, t = _stacked(poses)
     centres = -np.einsum("nba,nb->na", R, t)
     here = centres[sorted(poses).index(key)]
@@ -251,7 +255,7 @@ def _stacked(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _between(R: np.ndarray, t: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses of all frames up to the last, interpolated between those of the keyframes ``at`` (n,)."""
+    """Interpolate the camera poses at the n keyframes ``at`` (n,). Return poses for all frames up to the last one."""
     frames = np.arange(at[-1] + 1)
     key = np.clip(np.searchsorted(at, frames, side="right") - 1, 0, len(at) - 2)
     share = ((frames - at[key]) / np.diff(at)[key])[:, None]
@@ -261,7 +265,7 @@ def _between(R: np.ndarray, t: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the (n, P) normalised reprojection errors, infinite behind a camera and NaN where unknown."""
+    """Return reprojection errors (n, P) in normalised coordinates: infinite behind a camera, NaN where unknown."""
     y = np.einsum("nab,pb->npa", R, X) + t[:, None]
     ahead = y[..., 2] > 1e-3
     off = np.linalg.norm(y[..., :2] / np.where(ahead, y[..., 2], 1.0)[..., None] - x, axis=-1)
@@ -271,10 +275,10 @@ def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarr
 def _posed(
     R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the poses (n, 3, 3), (n, 3) of frames from known points, and the (n, P) errors.
+    """Estimate the poses (n, 3, 3), (n, 3) of n frames from known points. Also return the errors (n, P).
 
-    The cost is ``Σ ρ(|π(R X + t) - x| / σ)``, where ρ is the Geman-McClure penalty. Its scale decreases to the noise
-    level.
+    The cost is ``Σ ρ(|π(R X + t) - x| / σ)``, where ρ is the Geman-McClure penalty. The scale of ρ decreases from step
+    to step until it reaches the noise level.
     """
     known = np.isfinite(x).all(-1) & np.isfinite(X).all(-1)
     X0, x0 = np.nan_to_num(X), np.nan_to_num(x)
@@ -298,7 +302,7 @@ def _posed(
 
 
 def _adjusted(camera: Cameras, poses: Poses, window: list[int], keys: list[int], tracks: Tracks, noise: float) -> Poses:
-    """Return the adjusted poses of the keyframes in a window. Its first two keyframes fix the scale."""
+    """Adjust the poses of a window's keyframes. The first keyframe is fixed, and the second in a partial window."""
     R, t = (np.stack([poses[key][part] for key in window]) for part in (0, 1))
     cameras = build_cameras([str(key) for key in window], [lens_of(camera, 0)] * len(window), R, t)
     sigma_px = noise * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))

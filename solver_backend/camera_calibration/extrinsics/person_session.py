@@ -288,7 +288,10 @@ def calibrate_by_person(
 def _best_of(
     names: Sequence[str], lenses: Sequence[Lens], readings: Sequence[Keypoints2D], free_focal: bool
 ) -> PersonCalibration:
-    """Return the calibration with the most inliers over all versions of the keypoints, or raise the first error."""
+    """Return the calibration with the most inliers over all versions of the keypoints.
+
+    If no version gives a calibration, raise the error of the first version.
+    """
     found, failed = list[PersonCalibration](), list[MocapError]()
     for keypoints in readings:
         try:
@@ -301,9 +304,9 @@ def _best_of(
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
-    """Refine calibrated cameras to fit a take, or keep them if the refinement improves little.
+    """Refine calibrated cameras to fit a take. Return them unchanged if the error decreases too little.
 
-    The result is aligned with the cameras that have not moved (see ``align_cameras``), so that the others are detected.
+    The result is aligned with the cameras that have not moved (see ``align_cameras``). This reveals the moved cameras.
     """
     solved = refined_by_person(cameras, keypoints, free_focal=free_focal)
     found = _result("refine", solved)
@@ -341,11 +344,11 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
 
 
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:
-    """Align cameras robustly with others. Return the rotation, the translation and the scale.
+    """Estimate the rotation, translation and scale that align cameras with their counterparts in ``to``.
 
     Each camera is represented by its centre and two points on its axes, at a distance comparable to that between
-    cameras. Reweighted least squares minimises first the sum of distances, then the sum of their square roots, so that
-    a camera that moved does not affect the others.
+    cameras. Reweighted least squares minimises first the sum of distances, then the sum of their square roots. A few
+    moved cameras therefore do not affect the result.
     """
     arm = np.linalg.norm(to.centres - to.centres.mean(0), axis=1).mean()
     theirs = to.centres[:, None] + arm * _ARMS @ to.R

@@ -159,7 +159,7 @@ class Evidence:
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return the observations of a moving board. In each frame, the camera that sees most points defines its pose."""
+    """Return the observations of a moving board. Its initial poses come from the cameras that see most points."""
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
@@ -184,7 +184,7 @@ def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
-    """Transform cameras to the world of the known positions, or return them unchanged if there are none."""
+    """Transform cameras to the world of the known positions. Without known positions, return them unchanged."""
     xy, known = click_tables(cameras, clicks)
     if not np.isfinite(known).any():
         return cameras
@@ -218,10 +218,10 @@ def calibrate_together(
 
     Args:
         start: C cameras close to the solution. If there are known positions, these define the world.
-        hold_m: treat the initial cameras as a source whose centres have this standard deviation in metres.
+        hold_m: keep camera centres near their initial positions, with this standard deviation in metres.
 
     Raises:
-        CalibrationInvalid: there is no source, no source includes a camera, or no camera sees the board at
+        CalibrationInvalid: there is no source, a camera has no observations, or no camera sees the board at
             ``origin_frame``.
 
     References: Triggs et al. 2000; Foerstner 1979 (variance components).
@@ -290,7 +290,11 @@ def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
-    """Report the cameras with the largest error (C,) increase in the joint adjustment."""
+    """Report the cameras that contradict a source.
+
+    In the joint adjustment, their error ``after`` (C,) is much larger than their error ``before`` (C,) from this source
+    alone.
+    """
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     found = []

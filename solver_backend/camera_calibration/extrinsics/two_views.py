@@ -43,7 +43,7 @@ def _improved(
 def essential_matrix(
     first: ImagePoints, second: ImagePoints, scale: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3 3"], Bool[np.ndarray, " n"]]:
-    """Estimate E such that ``x2ᵀ E x1 = 0`` robustly. Also return a mask of inliers.
+    """Robustly estimate the essential matrix E in ``x2ᵀ E x1 = 0``. Also return a mask of inliers.
 
     Each random sample of eight points gives a candidate. The candidate with the lowest Cauchy penalty on the Sampson
     distances is refined.
@@ -118,7 +118,7 @@ def pose_from_essential(
 def intersected(
     R: Float[np.ndarray, "views 3 3"], t: Float[np.ndarray, "views 3"], xy: Float[np.ndarray, "views n 2"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Triangulate n points as the nearest points to their rays, or NaN for fewer than two rays.
+    """Triangulate each of n points as the point closest to its rays, or NaN if it has fewer than two rays.
 
     Reference: Slabaugh, Schafer and Livingston 2001, "Optimal ray intersection".
     """
@@ -158,7 +158,7 @@ def point_bodies(
 
 
 def _essential(F: np.ndarray, spread: float) -> np.ndarray:
-    """Return the essential matrices (m, 3, 3) nearest to F, given for coordinates divided by ``spread``."""
+    """Return the essential matrices (m, 3, 3) nearest to F, which applies to coordinates divided by ``spread``."""
     scale = np.diag([1.0 / spread, 1.0 / spread, 1.0])
     U, _, Vt = np.linalg.svd(scale @ F @ scale)
     return U @ (np.array([1.0, 1.0, 0.0])[:, None] * Vt)
@@ -167,7 +167,7 @@ def _essential(F: np.ndarray, spread: float) -> np.ndarray:
 def resected_pose(
     points: Float[np.ndarray, "n 3"], xy: Float[np.ndarray, "n 2"], scale: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], float]:
-    """Estimate a camera's pose from known points robustly (resection).
+    """Robustly estimate a camera's pose from points with known positions (resection).
 
     Each random sample of six points gives a candidate by the direct linear transform. The candidate with the lowest
     Cauchy penalty is refined.

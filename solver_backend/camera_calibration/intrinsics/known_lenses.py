@@ -29,7 +29,7 @@ FORMAT, VERSION = "manifold-mocap-lenses", 1
 
 
 def read_lenses(path: Path) -> dict[str, Lens]:
-    """Read a lens library. Return the lenses by name, or nothing if there is no file."""
+    """Read a lens library. Return the lenses by name, or an empty dictionary if the file does not exist."""
     if not path.exists():
         return {}
     table = read_json(path)
@@ -121,7 +121,7 @@ class FocalLength:
 
 
 def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) -> FocalLength:
-    """Return the focal length that the user (``given``) or the file states, or guess it from the image size."""
+    """Return the focal length given by the user, or else the one stored in the footage, or else a guess."""
     if given:
         return _given(given, image_size)
     recorded = recorded_focal_mm(footage)
