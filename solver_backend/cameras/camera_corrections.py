@@ -33,7 +33,7 @@ AS_CALIBRATED: Window = (1.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class CameraCorrection:
-    """A possible interpretation of a calibration. The default changes nothing."""
+    """A possible correction of a calibration, such as rotated images. The default changes nothing."""
 
     factor: float = 1.0  # Size of the recorded images relative to the calibrated ones.
     turn: int = 0  # Number of clockwise rotations by 90 degrees from the calibrated to the recorded images.
@@ -92,7 +92,7 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
 
 
 def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
-    """Undo the images' clockwise quarter turns (one number per camera) in camera rotations R (C, 3, 3)."""
+    """Undo the clockwise quarter turns of images in the camera rotations R (C, 3, 3). ``turns`` has C numbers."""
     once = [np.linalg.matrix_power(QUARTER.T, turn) for turn in turns]
     return np.stack(once) @ R
 
@@ -113,8 +113,8 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
 def _reshaped(cameras: Cameras, c: int, window: Window) -> Cameras:
     """Adapt one camera to the part of its image that was recorded: ``u' + 0.5 = s (u + 0.5) + o`` px.
 
-    ``s`` is the pixel aspect ratio and ``o`` is the offset. The window does not specify the right and bottom edges, so
-    these stay where they are.
+    ``s`` is the pixel aspect ratio, and ``o`` shifts the left and top edges. The right and bottom edges of the image
+    stay the same, because the window does not specify them.
     """
     scale, offset = np.array([window[0], 1.0]), cameras.image_size[c, 1] * np.array(window[1:])
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
@@ -150,8 +150,9 @@ COMPARED = 16  # Largest number of cameras for which all pairs are compared, if 
 def compared_pairs(count: int, each: int = COMPARED, neighbours: int = 0) -> list[tuple[int, int]]:
     """Choose the camera pairs (i < j) to compare among ``count`` cameras, in ascending order.
 
-    If there are more than ``each`` cameras, every camera is paired with the next ``neighbours`` (``each - 1`` if 0) in
-    a circle. This connects all cameras, and the number of pairs only grows linearly.
+    Up to ``each`` cameras are all compared with each other. With more cameras, a camera is only compared with the
+    next ``neighbours`` cameras (``each - 1`` if 0), where the first camera follows the last one. This connects all
+    cameras, and the number of pairs only grows linearly.
     """
     others = range(1, count if count <= each else (neighbours or each - 1) + 1)
     return sorted({(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c})

@@ -99,7 +99,7 @@ def largest_radius(distortion: Distortion, models: Models) -> Float[Array, " cam
 
 @lru_cache(maxsize=64)
 def _known_radius(distortion: bytes, dtype: str, models: Models) -> np.ndarray:
-    """Cache ``largest_radius`` for distortion coefficients given as bytes. The array is read-only."""
+    """Compute ``largest_radius`` for coefficients given as bytes, so that it can be cached. The array is read-only."""
     radius = np.asarray(_by_model(models, _largest_radius, np.frombuffer(distortion, dtype).reshape(-1, 8)))
     radius.flags.writeable = False
     return radius

@@ -61,7 +61,7 @@ class UndistortedViews:
 
 
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
-    """Return each point's linear triangulation (N, 3) that agrees best with the views, or NaN.
+    """Return the linear triangulation (N, 3) of each point that agrees best with all views, or NaN if there is none.
 
     The candidates use all usable views, all but one, and every pair among the ``MOST_VIEWS`` most confident views. The
     criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views, where r is the residual in pixels (Geman and
@@ -285,7 +285,7 @@ def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
 
 
 def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedViews, sigma: Array) -> Array:
-    """Estimate the detection noise (K,) of observations (C, N) repeatedly until it settles."""
+    """Estimate the noise (K,) of detections (C, N) in several rounds, until it converges."""
     xp, keypoints = array_namespace(px), int(sigma.shape[0])
     for _ in range(NOISE_ROUNDS):
         before = sigma
@@ -345,7 +345,7 @@ class Triangulation:
     """(K,) standard deviation of the detections in px, as given or estimated."""
 
     def of_keypoints(self, columns: np.ndarray) -> Triangulation:
-        """Select the keypoints in the given columns, as NumPy arrays."""
+        """Select the keypoints with the given indices, and convert their arrays to NumPy."""
         points, covariance = (np.asarray(a)[:, columns] for a in (self.points, self.covariance))
         inliers, residual_px = (np.asarray(a)[:, :, columns] for a in (self.inliers, self.residual_px))
         return Triangulation(points, covariance, inliers, residual_px, np.asarray(self.sigma_px)[columns])
@@ -519,14 +519,14 @@ def _predicted(
 
 
 def _of_others(information: np.ndarray, gradient: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sum the information and the gradients over all other views in the mask ``counted``, for each view."""
+    """For each view, sum the information and the gradients of all other views in the mask ``counted``."""
     information = np.where(counted[..., None, None], information, 0.0)
     gradient = np.where(counted[..., None], gradient, 0.0)
     return information.sum(axis=0) - information, gradient.sum(axis=0) - gradient
 
 
 def _everywhere(points: np.ndarray) -> np.ndarray:
-    """Interpolate gaps in points (F, K, 3) over time. A keypoint without points gets the median of all points."""
+    """Interpolate gaps in keypoints (F, K, 3) over time. Keypoints without positions get the median position."""
     known = np.isfinite(points).all(-1)
     filled = points.copy()
     frames = np.arange(len(points))

@@ -21,7 +21,8 @@ def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Key
 
     The view lifter was trained on static cameras, and the detector noise is measured from track jitter. A shaking
     camera would affect both. The level camera is at the same place, so no depth is needed: ``x' = π(V Rᵀ π⁻¹(x))``.
-    Here R and V are the rotations of both cameras, and π is the projection. A static camera is unchanged.
+    Here R is the rotation of the moving camera, V is the rotation of the level camera, and π is the projection. A
+    static camera is unchanged.
 
     Args:
         camera: a single camera, in a world with Z up.
@@ -54,7 +55,7 @@ def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Key
 
 
 def _panning(way: np.ndarray, fps: float) -> np.ndarray:
-    """Return rotations (F, 3, 3) of a level camera that follows horizontal directions (F, 2). Unknown ones are 0."""
+    """Return rotations (F, 3, 3) of a level camera that smoothly follows horizontal directions (F, 2), 0 if unknown."""
     known = np.flatnonzero(np.linalg.norm(way, axis=1) > 0)
     known = known if len(known) else np.arange(len(way))
     heading = np.unwrap(np.arctan2(way[known, 1], way[known, 0]))

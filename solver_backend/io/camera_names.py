@@ -77,7 +77,10 @@ def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[
 
 
 def counted_order(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Assign numbered cameras in ascending order, such as ``cam0`` to ``cam01``, or return None."""
+    """Assign numbered cameras in ascending order, such as ``cam0`` to ``cam01``.
+
+    Return None if a name contains no number, or if the numbers of cameras differ.
+    """
     if len(recorded) != len(calibrated) or not all(_COUNTED.search(name) for name in (*recorded, *calibrated)):
         return None
     first, second = (sorted(range(len(names)), key=lambda i: natural_key(names[i])) for names in (recorded, calibrated))
@@ -125,7 +128,7 @@ def _shared_start(names: Sequence[str]) -> int:
 
 
 def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Find the only calibrated name that each recorded name contains. Return the indices, or None."""
+    """Find the only calibrated name that each recorded name contains. Return indices, or None if this is ambiguous."""
     keys = _name_keys(calibrated)
     found = []
     for name in recorded:

@@ -37,7 +37,7 @@ class VideoHeader:
 
 
 def read_video_header(path: Path | None) -> VideoHeader | None:
-    """Read the header of the first video track in an MP4 or MOV file. Return None for other files or without one.
+    """Read the header of the first video track in an MP4 or MOV file. Return None for other files or if path is None.
 
     ``fps = timescale * Σ count / Σ (count * duration)`` over the table of sample durations (ISO/IEC 14496-12, stts).
     """

@@ -42,9 +42,9 @@ for this check.
 def interpret_rate(
     given: float | None, stated: Sequence[tuple[float | None, Diagnostic]], default: float
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Choose the frame rate of detections. Also return a note about its source, or a problem if it is assumed.
+    """Choose the frame rate of detections. Also return a note about its source, or a problem if it is only assumed.
 
-    The user's rate takes precedence. Otherwise, the most reliable rate stated in a file is used, with its note.
+    The user's rate takes precedence. Otherwise, the first known rate in ``stated`` is used, with its note.
     """
     if given is not None:
         return given, (diagnostic("frame_rate_read", source="given", rate=given),), ()
@@ -115,7 +115,7 @@ def _array_width(entries: list[CameraEntry]) -> float:
 
 
 def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
-    """Convert the markers of a file to metres with Z up. Add notes and problems.
+    """Convert the markers of a file to metres with Z up. The result contains notes on assumptions, and problems.
 
     Raises:
         NoDetections: the file has no markers, or no marker is ever visible.

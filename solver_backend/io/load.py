@@ -26,7 +26,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Readers(Iterable[Reader[Item]], Generic[Item]):
-    """File readers, tried in this order. Their modules are imported on demand."""
+    """File readers, in the order in which they are tried. Their modules are imported on demand."""
 
     rows: tuple[tuple[str, str], ...]  # Module in this package, and name of its reader or tuple of readers.
 

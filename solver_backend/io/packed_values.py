@@ -110,7 +110,7 @@ def _content(path: Path) -> Any:
 
 
 def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
-    """Return the size of the content in bytes after every shared list and array is copied."""
+    """Return the bytes that the content would need if every shared list and array were copied at each use."""
     value = finished(value) if isinstance(value, UnbuiltArray) else value
     if isinstance(value, Stored | np.ndarray):
         return value.size if isinstance(value, Stored) else value.nbytes
@@ -127,7 +127,10 @@ def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
 def _follow(
     stream: BinaryIO | BytesIO, path: Path, storage: Callable[[Any], Any] | None = None, least: int | None = None
 ) -> Any:
-    """Decode one pickle. ``storage`` returns the numbers of a tensor."""
+    """Decode the pickle at the stream's position. ``storage`` returns the values of a tensor.
+
+    ``least`` is the memory allowed for the arrays in a small file. None uses the default.
+    """
     held = stream if isinstance(stream, BytesIO) else None
 
     def behind(wrapper: StandIn, stream: BinaryIO | BytesIO) -> Stored:
@@ -139,7 +142,7 @@ def _follow(
 
 
 def _behind(wrapper: StandIn, stream: BinaryIO | BytesIO, held: BytesIO | None, path: Path) -> Stored:
-    """Return the joblib array that follows its description, and move the stream to the end of the array."""
+    """Return the joblib array that follows its description in the stream. Move the stream to the end of the array."""
     shape, dtype = wrapper.state.get("shape"), wrapper.state.get("dtype")
     if not isinstance(dtype, NamedDtype):
         raise Damage("an array's description is not valid")
@@ -228,7 +231,7 @@ def _small(entry: zipfile.ZipInfo) -> zipfile.ZipInfo:
 
 
 def _older_torch(data: bytes, path: Path, least: int | None = None) -> Any:
-    """Read a file from PyTorch before 1.6, which stores the numbers after the content.
+    """Read a file from PyTorch before 1.6, which stores tensor values after the pickled content.
 
     ``least`` is the memory allowed for the arrays in a small file. None uses the default.
     """

@@ -241,9 +241,10 @@ def different_count(items: str, stated: float | None, count: int) -> tuple[Diagn
 def frame_facts(
     numbers: np.ndarray | None, times: np.ndarray | None = None, rate: float | None = None, count: float | None = None
 ) -> tuple[float | None, tuple[Diagnostic, ...]]:
-    """Return a table's frame rate or None. Report contradictions in its frame numbers, times and header.
+    """Return a table's frame rate, or None if it is unknown. Also report contradictions.
 
-    ``numbers`` and ``times`` are (F,) columns or None. ``rate`` and the frame ``count`` come from the header.
+    Frame numbers may jump, times may contradict the rate, and the header may state another frame count. ``numbers`` and
+    ``times`` are (F,) columns or None. ``rate`` and the frame ``count`` come from the header.
     """
     rate, contradicted = (rate, ()) if times is None else _stated_rate(rate, times)
     if numbers is None:

@@ -112,7 +112,7 @@ def is_projection(value: Any) -> bool:
 
 
 def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
-    """Build a camera from its values. A name among the values replaces ``name``."""
+    """Build a camera from the values in a file. A name among these values takes precedence over ``name``."""
     own = values.get("name", values.get("camera_name"))
     if own in (None, "") and isinstance(values.get("id"), str):
         own = values["id"]

@@ -59,7 +59,7 @@ class StatedCameras:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Calibrated cameras in metres with Z up, and notes about the assumptions."""
+    """Calibrated cameras in metres with Z up, and notes on how the calibration was interpreted."""
 
     cameras: Cameras
     source: Path
@@ -141,7 +141,7 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
-    """Correct cameras in an unusual convention, such as focal lengths in image widths. Also report corrections."""
+    """Convert cameras from unusual conventions, such as focal lengths in image widths. Also report the conversions."""
     names, found = [entry.name for entry in entries], []
     sized = all(e.image_size is not None for e in entries)
     sizes = [np.array(e.image_size or (1, 1)) for e in entries]

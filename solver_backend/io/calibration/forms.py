@@ -80,7 +80,7 @@ def _nodes(stem: str, tree: Any, shared: Values) -> Content:
 
 
 def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
-    """Return a camera's values under our names, its length unit and its up axis, or None."""
+    """Return a camera's values under our names, its length unit and its up axis, or None if the node is no camera."""
     if not isinstance(node, Mapping):
         return None
     for convert, unit, up_axis in _CAMERAS:
@@ -157,7 +157,7 @@ def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
 
 
 def _picture(values: Values) -> tuple[float, float] | None:
-    """Return the image width and height in pixels, or None."""
+    """Return the image width and height in pixels, or None if they are missing or not positive."""
     size = find(values, "size")
     found = _vector([find(values, "width"), find(values, "height")] if size is None else size, 2, "size")
     if found is None or not (found > 0).all():

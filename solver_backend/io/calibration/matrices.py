@@ -117,7 +117,7 @@ def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
 
 
 def _keys(path: Path, tree: Any) -> str:
-    """List the keys of a file that may be a calibration, or return '' for other files."""
+    """Describe the keys of a file that may be a calibration, for a message. Return '' for other files."""
     if not isinstance(tree, Mapping) or not tree:
         return ""
     inner = next((node for node in tree.values() if isinstance(node, Mapping) and node), {})

@@ -113,7 +113,7 @@ def _matrix_files(paths: Iterable[Path]) -> list[Path]:
 
 
 def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]:
-    """Yield an error for each file that may be a calibration. It lists the file's keys and the missing values."""
+    """Yield an error for each file that may be a calibration. The error lists its keys and the missing values."""
     for file in files:
         if file.keys or file.content.nodes:
             poses = [name for name, _ in file.content.nodes]

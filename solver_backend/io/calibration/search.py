@@ -185,7 +185,7 @@ def _others_of_more(
     by_views: ByViews,
     agreement: Callable[[Cameras], float],
 ) -> Calibration:
-    """Return ``chosen``, or an assignment by views if the views disagree with the assignment by name."""
+    """Return ``chosen``, which is assigned by name, or an assignment by views if the views contradict the names."""
     if len(whole.cameras) == len(recorded) or agreement(chosen.cameras) >= AGREES_BY_NAME:
         return chosen
     order = by_views(whole.cameras, by_names)
@@ -193,7 +193,7 @@ def _others_of_more(
 
 
 def _assigned_by_views(found: Calibration, recorded: Sequence[str], **calibrated: Any) -> Calibration:
-    """Rename a calibration's cameras to the recorded names, and report the camera pairs as a problem."""
+    """Rename a calibration's cameras to the recorded names. Report which camera got which name as a problem."""
     pairs = [f"{name} is {camera}" for name, camera in zip(recorded, found.cameras.names, strict=True)]
     assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, **calibrated)
     return replace(found, problems=(*found.problems, assigned))

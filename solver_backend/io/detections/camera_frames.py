@@ -79,12 +79,12 @@ def is_seen(person: np.ndarray) -> bool:
 
 
 def has_score(written: np.ndarray) -> np.ndarray:
-    """Return a mask of the confidences or log-confidences that mark detected points."""
+    """Return a mask of the detected points, given their confidences or log-confidences in the file."""
     return (np.nan_to_num(written) != 0) & (written != NOBODY)
 
 
 def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.ndarray | None:
-    """Extract hands (..., 2, 21, 3) from whole-body keypoints, left first, or return None.
+    """Extract hands (..., 2, 21, 3) from whole-body keypoints, left first, or return None if there are no hand points.
 
     Args:
         xy: (..., K, 2) pixels of all K keypoints in the file.

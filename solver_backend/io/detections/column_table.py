@@ -26,7 +26,7 @@ LEAST_POINTS = 8  # Smallest number of points (with x and y columns) in a table 
 
 
 def _text(path: Path) -> tuple[str, str]:
-    """Read a table's text with decimal points, and its delimiter."""
+    """Read a table's text and its delimiter. Decimal commas become points."""
     text = read_text(path)
     delimiter = delimiter_of(text.partition("\n")[0])
     return (text if delimiter == "," else text.replace(",", ".")), delimiter
@@ -127,7 +127,7 @@ def _in_order(names: list[str]) -> tuple[list[str], bool]:
 
 
 def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
-    """Convert the cells of the given columns to numbers. Empty cells are NaN, and missing columns are 1."""
+    """Convert the cells of the given columns to numbers. Empty cells are NaN. A column given as None is 1."""
     there = [column for column in columns if column is not None]
     values = np.ones((len(rows), len(columns)))
     if rows and there:
@@ -232,7 +232,7 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
 
 
 def _places(spelled: Iterable[str]) -> dict[str, int]:
-    """Return each point's column, by its number or by the order of the names."""
+    """Return the index of each point, from its number or from the order of the names."""
     written = {name: name.strip() for name in dict.fromkeys(spelled)}
     if all(name.isdecimal() for name in written.values()):
         first = min(map(int, written.values()), default=0)
@@ -346,7 +346,7 @@ def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
 def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
     """Read one camera's Ultralytics text files. Their names contain the frame numbers.
 
-    Seventeen points are the COCO joint set, which all Ultralytics models detect.
+    A person with 17 points has the COCO joint set, because all Ultralytics models detect this set.
     """
     by_number = dict(zip(frame_numbers([p.stem for p in paths], where=where).tolist(), paths, strict=True))
     numbers = sorted(by_number)

@@ -454,7 +454,7 @@ def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFra
 
 
 def _frame_list(document: Any) -> list[Any] | None:
-    """Return the list of frames, which is the document or MMPose's ``instance_info``, or None."""
+    """Return the list of frames: the document itself or MMPose's ``instance_info``. Return None for other documents."""
     listed = document
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if isinstance(document.get(name), list)), None)

@@ -58,7 +58,7 @@ def match_cameras(
     Args:
         names: keypoint names of each of the C cameras. Cameras may have different keypoints.
         given: joint set that the user chose.
-        own: names of points on bones that do not belong to a joint set.
+        own: names of the user-defined points, which do not belong to a joint set.
         where: file or folder, for errors.
 
     Raises:

@@ -195,7 +195,10 @@ def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[D
 def _written_hands(
     pictures: list[_Picture], size: tuple[int, int]
 ) -> tuple[np.ndarray | None, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Collect hands (C, F, P, 2, 21, 3) that files list apart from the body, or None, notes and problems."""
+    """Collect the hands (C, F, P, 2, 21, 3) that files list separately from the body. Also return notes and problems.
+
+    The hands are None if no file lists hands.
+    """
     if all(hand is None for picture in pictures for hand in picture.hands):
         return None, (), ()
     most = max(len(picture.people) for picture in pictures)

@@ -117,7 +117,7 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
 
 
 def of_folder(folder: Path) -> CameraSource:
-    """Return the detections in a camera folder, which contains one file per image or a single file."""
+    """Return the source of the detections in a camera folder with one file per image, or with a single file."""
     return CameraSource(folder, partial(_frames_of_folder, folder))
 
 
@@ -166,7 +166,7 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
 
 
 def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
-    """Return the first file type in ``_KINDS`` that a folder contains, and its files, or None."""
+    """Return the first file type in ``_KINDS`` that a folder contains, with its files, or None if it contains none."""
     listed = sorted(p for p in folder.iterdir() if p.is_file())  # filtered tables sort last and take precedence
     for kind in _KINDS:
         if found := [path for path in listed if kind.recognises(path)]:
@@ -283,7 +283,7 @@ _POSE_MODELS["BLAZEPOSE"] = JointSet.MEDIAPIPE_33
 
 @dataclass(frozen=True)
 class TrialConfig:
-    """Settings of a recording in Pose2Sim and OpenCap files. The nearest file with a value is used."""
+    """Settings of a recording in Pose2Sim and OpenCap files. Each value comes from the nearest file that states it."""
 
     fps: float | None = None  # Frames per second, or None if no file states a number.
     joint_set: JointSet | None = None  # Joint set that ``pose_model`` names, or None if unknown.

@@ -309,8 +309,8 @@ def read_c3d(path: Path) -> MarkerSource:
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
     """Locate the frames in a C3D file.
 
-    If there are more than ``MOST`` frames and no parameter states their number, the header's last frame is ``MOST`` or
-    has restarted at 0. The file length then determines the number.
+    The header cannot store a last frame above ``MOST``. In longer files, it is ``MOST``, or the count has
+    restarted at 0. Unless a parameter states the number of frames, the file length determines it.
     """
     word = 4 if header.scale < 0 or math.isnan(header.scale) else 2
     points = header.points or int(np.clip(parameters.number("POINT:USED") or 0, 0, MOST))

@@ -147,7 +147,7 @@ def _from_long(
 
 
 def is_point_array(path: Path) -> bool:
-    """Return whether a .npy file contains 3D points (F, N, 3), or is damaged."""
+    """Return whether a .npy file contains 3D points (F, N, 3), or is damaged, so that its reader reports the damage."""
     if path.suffix.lower() != ".npy" or not path.is_file():
         return False
     try:

@@ -185,7 +185,8 @@ def _from_root(bones: dict[str, _Bone], path: Path) -> dict[str, _Bone]:
 def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndarray], bool | None]:
     """Read the channels (F, C) of each bone from an AMC file. Also return whether angles are in radians.
 
-    The latter is None if the file does not state it. A bone that no frame mentions stays in its rest pose.
+    The second result is None if the file does not state the unit of angles. A bone that no frame mentions stays in its
+    rest pose.
     """
     rows: dict[str, list[list[float]]] = {name: [] for name in bones}
     frames, last, radians = 0, 0, None

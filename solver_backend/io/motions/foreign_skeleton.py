@@ -33,7 +33,8 @@ _LARGEST = 2_000_000_000  # Size limit of an MVNX file in bytes. One hour takes 
 def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
     """Parse a table of segments. Return the parent and the role of each segment.
 
-    Each entry consists of segment, parent and role, with parents first. An * stands for the file's word for each side.
+    Each entry consists of segment, parent and role, with parents first. An entry with an * is repeated for both sides.
+    The file's words for left and right (``sides``) then replace the *.
     """
     rows = [entry.split() for entry in text.split(",")]
     found = {segment: (parent, role) for segment, parent, role in rows if "*" not in segment}
@@ -135,7 +136,8 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
     """Read the motion of the segments in a C3D file. Also return the segment of each role, and notes.
 
     The files have no rest pose. When a person stands with hanging arms, the segment axes are parallel (Z from the far
-    to the near joint), so zero rotations give that pose. A joint's rest offset in its parent's axes is the median.
+    to the near joint), so zero rotations give that pose. A joint's rest offset in its parent's axes is the median
+    offset over all frames.
 
     Raises:
         FileMissing, FileDamaged: see ``read_segments``. Also raised if there are no segment rotations.
@@ -319,11 +321,11 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
 
 
 def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
-    """Estimate the up axis. Also return its source. The axis is ``y`` unless another one is clear.
+    """Estimate the up axis of a motion. Also return its source: ``trunk``, ``rest``, or '' for the default Y.
 
-    A standing rest pose determines the axis, because the person may lie or fly in the motion. Some converters write a
-    skeleton with Y up and a motion with Z up. If the trunk then points along another axis, that axis is correct if the
-    figure starts at height 0 along it, or if the legs extend along it near height 0. The source is then ``rest``.
+    A standing rest pose determines the axis, because the person may lie or fly in the motion. However, some converters
+    write a skeleton with Y up and a motion with Z up. If the motion's trunk is along another axis, that axis is used if
+    the lowest joints are near height 0 along it.
     """
     top = next((role for role in ("head", "neck_1", "left_upper_arm") if role in roles), "pelvis")
     a, b = (motion.names.index(roles[role]) for role in ("pelvis", top))

@@ -51,7 +51,7 @@ def _rising_times(times: np.ndarray, path: Path) -> np.ndarray:
 
 
 def _no_angles(frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return angles (F, 2, A) and palm rotations (F, 2, 3, 3) of A joint angles, filled with NaN."""
+    """Return NaN arrays for both hands: A joint angles (F, 2, A) and palm rotations (F, 2, 3, 3)."""
     return np.full((frames, 2, NUM_ANGLES), np.nan), np.full((frames, 2, 3, 3), np.nan)
 
 

@@ -62,7 +62,7 @@ def _odd_rate(motion: AnyMotion, limits: tuple[float, float], severity: Severity
 
 
 def odd_shape(betas: np.ndarray) -> Iterator[Diagnostic]:
-    """Yield a warning if the shape coefficients, apart from the stature, are implausible."""
+    """Yield a warning if a shape coefficient other than the first (stature) is implausible."""
     if betas.size > 1 and (worst := float(np.abs(betas[1:]).max())) > LARGEST_BETA:
         yield diagnostic("shape_odd", size=worst, limit=LARGEST_BETA)
 

@@ -194,7 +194,7 @@ def _keypoints(fields: Fields) -> tuple[Keypoints2D, tuple[PersonInViews, ...]]:
 def _seen(
     fields: Fields, prefix: str, shape: tuple[int | None, ...], own: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Read one set of pixels, confidences and hands. ``own`` user-defined points follow the keypoints."""
+    """Read one set of pixels, confidences and hands. The last ``own`` points are user-defined."""
     xy = fields.numbers(f"{prefix}xy", shape)
     confidence = fields.numbers(f"{prefix}confidence", xy.shape[:-1])
     views, hands = xy.shape[:-2], f"{prefix}hands"
@@ -233,7 +233,7 @@ def _cloud(fields: Fields, prefix: str) -> MarkerCloud:
 
 
 def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:
-    """Read the marker covariances (F, M, 3, 3), and check that they are not negative."""
+    """Read the marker covariances (F, M, 3, 3), and check that they are finite and have no negative eigenvalues."""
     covariance = unpacked(fields.numbers("marker_covariance", (*positions.shape[:2], 6)))
     given = np.isfinite(positions).all(-1) & ~np.isnan(covariance).all((-2, -1))
     finite = np.isfinite(covariance).all((-2, -1))
