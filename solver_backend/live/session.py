@@ -163,7 +163,7 @@ def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
 
 
 def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
-    """Add fitted points with distances, and joint deviations if there is a pose, to an output line for the display."""
+    """Add the fitted points, their distances from the body and joint deviations to an output line for display."""
     if session.shown is None:
         return line
     line = {**line, "cloud": session.shown.round(4).tolist(), "cloud_off_mm": millimetres(session.shown_off_m)}
@@ -229,7 +229,7 @@ _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in 
 
 
 def unit_of(points: np.ndarray) -> str | None:
-    """Return the unit in which (N, 3) points are as large as a person, or None."""
+    """Return the unit in which (N, 3) points are as large as a person, or None if no unit fits."""
     centre = np.median(points, axis=0)
     reach = 2.0 * float(np.quantile(np.linalg.norm(points - centre, axis=-1), 0.9))
     return next((unit for unit, metres in UNITS.items() if _PEOPLE_M[0] < reach * metres < _PEOPLE_M[1]), None)
@@ -275,8 +275,8 @@ class PointTracks:
     def update(self, points: np.ndarray, log_probability: np.ndarray, dt: float) -> np.ndarray:
         """Match points to tracks, and return the (N, 54) evidence for each label over the whole track.
 
-        Points are (N, 3) metres, and (N, 54) are the log probabilities of their labels in this frame. ``dt`` is the
-        time since the previous frame in seconds.
+        ``points`` are (N, 3) in metres. ``log_probability`` (N, 54) is the log probability of each label for each point
+        in this frame. ``dt`` is the time since the previous frame in seconds.
         """
         before = self._matched(points, dt)
         known = before >= 0

@@ -157,7 +157,8 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
         """Return the person's (C, K, 2) pixels and (C, K) confidences, missing in views that do not show the person.
 
-        Swapped sides are only corrected if more keypoints then agree between views. Otherwise, the pose is wrong.
+        Sides that look swapped compared with the last pose are corrected if more keypoints then agree between views. If
+        not, the last pose itself was wrong.
         """
         K, count = self.joint_set.num_keypoints, len(self.cameras.names)
         seen = np.full((count, K, 3), np.nan)
@@ -174,7 +175,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return _split(seen)
 
     def _agreement(self, seen: np.ndarray) -> int:
-        """Return the number of (C, K, 3) keypoints that two views locate consistently."""
+        """Return how many keypoints in ``seen`` (C, K, 3) at least two views locate consistently."""
         return int(np.isfinite(np.asarray(self.fit.locate(*_split(seen)).points)).all(-1).sum())
 
     def _enter_world(self, moment: ViewMoment) -> Iterator[EventLine]:
@@ -202,7 +203,7 @@ def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
-    """Return the keypoints of the person nearest to the (K, 2) pixels, or of the largest person at the start."""
+    """Return the keypoints of the person closest to ``expected`` (K, 2) pixels, or of the largest one if None."""
     shown, confidence = _split(people)
     known = np.isfinite(shown).all(-1).any(axis=1)
     if not known.any():

@@ -134,8 +134,8 @@ _PULL = 1e-11  # Weight of the mean shape in square metres. It acts where joints
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     """Find the (10,) shape with these T-pose joints (24, 3), or return None if the sender uses another body.
 
-    Gauss-Newton steps minimise ``Σ |b_j(β) - b_j|² + λ |β|²``. The sum covers the bones b that the T-pose does not
-    rotate, and the lengths ``|b_j|`` of all others: ``d|b| = b/|b| · db``. Missing joints are NaN.
+    Gauss-Newton steps minimise ``Σ |b_j(β) - b_j|² + λ |β|²`` over shapes β. Bones b that the T-pose does not rotate
+    are compared as vectors, and all other bones by their lengths: ``d|b| = b/|b| · db``. Missing joints are NaN.
     """
     layout, count = body.layout, len(joints)
     child = np.array([j for j in range(1, count) if np.isfinite(joints[j]).all()])

@@ -158,7 +158,7 @@ SKATING_HEIGHT_M = 0.025  # Height below which a toe counts as standing (thesis 
 def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelerations points 3"]:
     """Return (F - 2, N, 3) second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²`` in m/s² (thesis 6.3.4).
 
-    They are NaN if one of the three frames is missing, and empty if there are fewer than three.
+    A difference is NaN if a point is missing in one of its three frames. Fewer than three frames give none.
     """
     points = has_shape(points, ("frames", "points", 3))
     return (points[2:] - 2.0 * points[1:-1] + points[:-2]) * fps**2

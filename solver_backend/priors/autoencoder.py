@@ -83,7 +83,7 @@ class DenseStack:
         return x, jacobian
 
     def with_vjp(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
-        """Return the output (N, out), and a function that maps derivatives w.r.t. the output to ones w.r.t. the input.
+        """Return the output (N, out), and a function that converts derivatives w.r.t. the output to the input.
 
         Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one call costs as much as the forward pass.
         """
@@ -125,7 +125,7 @@ def decoded_rotations(decoder: DenseStack, z: Codes) -> Poses:
 
 
 def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-    """Decode codes, and return a function from derivatives w.r.t. left tangents to ones w.r.t. codes (N, d)."""
+    """Decode codes (N, d). Also return a function that converts derivatives w.r.t. left tangents to codes."""
     xp = array_namespace(z)
     flat, flat_vjp = decoder.with_vjp(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))
@@ -137,7 +137,7 @@ def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Ca
 
 
 def decoded_rotations_with_jacobian(decoder: DenseStack, z: Codes) -> tuple[Poses, CodeJacobian]:
-    """Return rotations (N, 21, 3, 3), and derivatives (N, 21, 3, d) of their left tangents."""
+    """Decode codes to rotations (N, 21, 3, 3). Also return the derivatives (N, 21, 3, d) of their left tangents."""
     xp = array_namespace(z)
     parts = [_block(decoder, z[i : i + _BLOCK]) for i in range(0, max(1, z.shape[0]), _BLOCK)]
     if len(parts) == 1:

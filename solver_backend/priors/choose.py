@@ -56,7 +56,7 @@ class GaussianOnSphere(AutoencodingPrior):
         return self._prior.decode(self._flat(z)[0])
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return decoded poses and the Jacobian ``J dz/du`` with ``dz/du = s/b (I, -a/b) Bᵀ``."""
+        """Return decoded poses and their Jacobian ``dω/dz dz/du`` with ``dz/du = s/b (I, -a/b) Bᵀ``."""
         xp, (flat, height) = array_namespace(z), self._flat(z)
         rotations, jacobian = self._prior.decode_with_jacobian(flat)
         eye = identity(flat.shape[-1], flat) * xp.ones_like(flat)[:, :, None]

@@ -157,7 +157,8 @@ def _lifted_twice(
 ) -> LiftedView:
     """Lift a view and its mirror image, and return the mean, because their errors are partly independent.
 
-    If the two poses face opposite directions in a frame, the mean would face sideways. The view alone is then used.
+    If the two poses face opposite directions in a frame, their mean would face sideways. The pose of the view that is
+    not mirrored is then used.
     """
     lifter, sposer, columns = load_view_lifter(), load_sposer(), list(joint_set.mirrored(image.shape[1]))
     image, confidence = bridge_gaps(image, confidence, round(BRIDGED_S * fps))
@@ -194,9 +195,9 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) -> float | None:
-    """Return the height in metres of the lower sole when planted, or None if no foot is visible.
+    """Estimate the height in metres of a planted sole, or return None if no foot is visible.
 
-    It is the percentile ``STANDING_PERCENT``, which is low because dancers and jumpers rarely plant their feet.
+    The estimate is a low percentile of the lower sole's heights, because dancers and jumpers rarely plant their feet.
     """
     soles = lower_soles(points, names, seen, _UP)
     return float(np.percentile(soles[:, 2], STANDING_PERCENT)) if len(soles) else None
@@ -227,9 +228,9 @@ def up_by_floor(
 ) -> np.ndarray:
     """Tilt the lifter's up direction (3,) so that the feet come closer to one height.
 
-    The tilt is the minimum ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, where h are the heights of
-    N lower soles, with n independent ones. ``points`` (F, L, 3) are in camera axes, or in other axes if ``expected``
-    gives their up direction.
+    The tilt δ minimises ``n/N Σ (h_i - h̄)² / σ_h² + |δ|² / σ_u²``. h are the heights of the lower sole in N frames, n
+    of which are independent. ``points`` (F, L, 3) are in camera axes. They may also be in other axes, if ``expected``
+    is the up direction in these axes.
     """
     expected = take.up if expected is None else expected
     up: np.ndarray = expected

@@ -56,7 +56,7 @@ class JointSpread:
         return cls(mean, np.linalg.cholesky(covariance + _LEAST_RAD**2 * np.eye(3)))
 
     def draw(self, count: int, seed: int) -> np.ndarray:
-        """Draw random poses (count, 21, 3, 3), spread wider than recorded and clipped to the joints' ranges."""
+        """Draw random poses (count, 21, 3, 3). They vary more than the recorded poses, within the joints' ranges."""
         noise = np.random.default_rng(seed).standard_normal((count, *self.mean.shape, 1))
         angles = swing_and_twist(exp_so3(self.mean + WIDENED * (self.factor @ noise)[..., 0]))
         low, high = JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)
@@ -69,7 +69,7 @@ SHARPNESS = 20.0  # Factor β in ``softplus(x) = log(1 + exp(β x)) / β``.
 
 @dataclass(frozen=True)
 class SoftplusStack:
-    """Dense network ``x -> W_n s(... s(W_1 x + b_1) ...) + b_n`` with softplus s, optional after the last layer."""
+    """Dense network ``x -> W_n s(... s(W_1 x + b_1) ...) + b_n`` with softplus s, and optionally a final softplus."""
 
     weights: tuple[Array, ...]  # (out, in) each.
     biases: tuple[Array, ...]  # (out,) each.
@@ -91,7 +91,7 @@ class SoftplusStack:
         return x, slopes
 
     def backward(self, slopes: list[Array], by_output: Array) -> Array:
-        """Convert derivatives w.r.t. the output (N, out) to ones w.r.t. the input (N, in)."""
+        """Convert derivatives w.r.t. the output (N, out) to derivatives w.r.t. the input (N, in)."""
         xp = array_namespace(by_output)
         for number in range(len(self.weights) - 1, -1, -1):
             if number < len(slopes):
@@ -121,7 +121,7 @@ TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0  # (21,) metric for small rotation
 
 
 def pose_distance(a: Array, b: Array) -> Array:
-    """Return the distances ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` between poses in rad (Tiwari et al. 2022, eq. 2)."""
+    """Return pose distances ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` in radians (Tiwari et al. 2022, eq. 2)."""
     xp = array_namespace(a, b)
     angle = half_angles(a, b)
     return xp.sqrt(xp.sum(0.5 * constant(JOINT_WEIGHTS, a) * angle * angle, axis=-1))
@@ -393,7 +393,7 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
 def in_metric(quats: Array, gradient: Array) -> Array:
     """Convert a gradient (N, 21, 4) to the metric of ``pose_distance``: the tangent part times ``2/w_k``.
 
-    The length of the result in this metric is 1 where the field is a distance.
+    Where the field is an exact distance, the result has length 1 in this metric.
     """
     xp = array_namespace(quats)
     tangent = gradient - xp.sum(gradient * quats, axis=-1, keepdims=True) * quats

@@ -24,8 +24,9 @@ _BLOCK = 256  # Number of poses whose equations are formed at a time.
 def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotations: Poses, z: Codes) -> Codes:
     """Move codes closer to poses by one damped Gauss-Newton step: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
 
-    The residual r, with the pelvis at rest, consists of the joints' offsets from the pose, ``p*_j - p_j``, and 7 cm
-    times the missing rotation of each joint's global rotation, ``ℓ log(G*_j G_jᵀ)`` (Levenberg 1944, Marquardt 1963).
+    The residual r compares the given pose (*) with the decoded pose, both with the pelvis at rest. It contains the
+    offsets of the joint positions, ``p*_j - p_j``, and of the global rotations, ``ℓ log(G*_j G_jᵀ)`` with ℓ = 7 cm
+    (Levenberg 1944, Marquardt 1963).
 
     Args:
         decode: maps codes to (N, 21, 3, 3) rotations and (N, 21, 3, d) derivatives of their left tangents.

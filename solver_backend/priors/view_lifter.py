@@ -152,8 +152,8 @@ def look_at(points: Array, confidence: Array) -> LookAt:
 def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array:
     """Return (N, 27, 62) inputs: normalised points (0 if missing), confidences, size and up.
 
-    The last five are the same in all frames of a window. ``up`` (N, 3) is a unit vector against gravity in camera axes,
-    or zero if unknown. For the other arguments, see ``look_at``.
+    The last five inputs, size and up, are the same in all frames of a window. ``up`` (N, 3) is a unit vector against
+    gravity in camera axes, or zero if unknown. For the other arguments, see ``look_at``.
     """
     xp = array_namespace(points)
     count = points.shape[0]
@@ -241,7 +241,7 @@ class ViewLifter:
 def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return the network's finite (F, 19, 2) points, and their confidences, which are 0 where missing.
 
-    The middle of the head replaces missing ears and nose (``HEAD_SHARE``).
+    If a detector has no ears or nose, the middle of the head replaces them (``HEAD_SHARE``).
     """
     points, confidence, names = _with_head(points, confidence, names)
     column = [names.index(name) if name in names else -1 for name in POINTS]
@@ -254,7 +254,7 @@ def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, .
 def _with_head(
     points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return points, confidences and names, with the head's middle used for ears and nose."""
+    """Append missing ears and nose at the middle of the head. Return points, confidences and names."""
     absent = tuple(name for name in FACE if name not in names)
     top, share = next(((name, share) for name, share in HEAD_SHARE.items() if name in names), ("", 0.0))
     neck = next((name for name in NECKS if name in names), "")
@@ -269,14 +269,14 @@ def _with_head(
 
 
 def window_frames(count: int, fps: float) -> np.ndarray:
-    """Return the (F, 27) frames closest to each window's times, including frames beyond the take."""
+    """Return the (F, 27) frame numbers of the window around each frame. They may be outside the take."""
     offsets = np.round((np.arange(WINDOW) - MIDDLE) * fps / WINDOW_FPS).astype(int)
     return np.arange(count)[:, None] + offsets
 
 
 @cache
 def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
-    """Load the view lifter's weights. Errors: ``read_lifter_weights``."""
+    """Load the view lifter's weights. Raises the errors of ``read_lifter_weights``."""
     weights = read_lifter_weights(path, "view_lifter")
     heads = weights.metadata.get("heads")
     arrays = {name: np.asarray(array, dtype=np.float32) for name, array in weights.arrays.items()}
@@ -292,7 +292,7 @@ def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
 
 
 def _weights(confidence: Array) -> Array:
-    """Return (N, 27, 19) weights that sum to 1 and locate the person around the middle frame."""
+    """Return point weights (N, 27, 19) for the person's centre. They sum to 1, mostly near the middle frame."""
     xp = array_namespace(confidence)
     frame = np.arange(WINDOW) - MIDDLE
     share = constant(np.exp(-0.5 * (frame / _CENTRE_FRAMES) ** 2) + _FAINT, confidence)
@@ -331,7 +331,7 @@ CLASSES = 3  # Towards the camera, across, away from it.
 
 @dataclass(frozen=True)
 class LimbSlants:
-    """The network and its metadata."""
+    """Network that classifies limb bones by their direction: towards the camera, across, or away from it."""
 
     stack: DenseStack  # From the lifter's features to 8 x 3 logits.
     metadata: dict[str, Any]  # Training command, data and evaluation.
@@ -343,7 +343,7 @@ class LimbSlants:
 
 
 def bone_slants(joints: np.ndarray, sight: np.ndarray) -> np.ndarray:
-    """Return the (F, 8) sines ``u · s`` of the angles at which bones point away along ``sight`` (F, 3)."""
+    """Return the sine (F, 8) of each bone's angle to the image plane, positive away from the camera."""
     first, last = np.array(BONES).T
     bones = joints[:, last] - joints[:, first]
     length = np.maximum(np.linalg.norm(bones, axis=-1), 1e-9)
@@ -351,15 +351,16 @@ def bone_slants(joints: np.ndarray, sight: np.ndarray) -> np.ndarray:
 
 
 def slant_classes(slants: np.ndarray) -> np.ndarray:
-    """Return 0 for a bone that points towards the camera, 1 for across, and 2 for away."""
+    """Return each bone's class: 0 if it points towards the camera, 1 if across the view, and 2 if away."""
     return np.where(slants < -SLANT, 0, np.where(slants > SLANT, 2, 1))
 
 
 def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
-    """Return the (F, 4) probabilities that a bone of each limb points in the opposite direction to the solve.
+    """Return the (F, 4) probabilities that the solve has the wrong depth direction for a bone of each limb.
 
-    The probability is ``1 - Π_b (1 - p_b)`` over the limb's two bones, where p is the probability of the opposite
-    class, or 0 for a bone that points across. ``chances`` are (F, 8, 3) (``LimbSlants``), and ``slants`` (F, 8).
+    The probability is ``1 - Π_b (1 - p_b)`` over the limb's two bones. p is the network's probability of the opposite
+    direction, or 0 for a bone that the solve places across the view. ``chances`` (F, 8, 3) are from ``LimbSlants``, and
+    ``slants`` (F, 8) from ``bone_slants``.
     """
     opposite = np.where(slants > SLANT, chances[..., 0], np.where(slants < -SLANT, chances[..., 2], 0.0))
     return 1.0 - (1.0 - opposite[:, 0::2]) * (1.0 - opposite[:, 1::2])
@@ -367,7 +368,7 @@ def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
 
 @cache
 def load_limb_slants(path: Path = SLANT_WEIGHTS) -> LimbSlants:
-    """Load the network's weights. Errors: ``read_weights``."""
+    """Load the network's weights. Raises the errors of ``read_weights``."""
     weights = read_weights(path, "limb_slants")
     lifter = load_view_lifter()
     if weights.metadata.get("view_lifter_sha256") != lifter.metadata["sha256"]:

@@ -27,11 +27,11 @@ class LandmarkLoss(Protocol):
     """Cost function of squared landmark distances. It may have its own unknowns in every frame."""
 
     def unknowns(self, num_landmarks: int) -> int:
-        """Return n, the number of the loss's own unknowns per frame."""
+        """Return the number n of unknowns that the loss adds per frame."""
         ...
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost of (F, L) squared distances in initial variances, for the loss's unknowns ``own`` (F, n)."""
+        """Return the cost of (F, L) squared distances, in units of the initial variances, at own unknowns (F, n)."""
         ...
 
 

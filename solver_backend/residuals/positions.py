@@ -81,7 +81,7 @@ class RelativePositionTerm:
 
     @classmethod
     def of(cls, positions: np.ndarray, precision: np.ndarray, share: float, like: Array) -> RelativePositionTerm:
-        """Build the term with arrays of the same kind, type and device as ``like``."""
+        """Build the term, with its arrays converted to the library, data type and device of ``like``."""
         return cls(constant(positions, like), constant(precision, like), share)
 
     def select(self, frames: Any) -> RelativePositionTerm:
@@ -177,9 +177,9 @@ DEEPEST = 25.0  # Robust scale of a depth in standard deviations. A point that d
 
 @dataclass(frozen=True)
 class SurfaceTerm(Rows):
-    """Term ``1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` for points inside an obstacle, behind its surface planes.
+    """Term ``1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` that pushes points y out of an obstacle.
 
-    rho is Geman-McClure's robust penalty with the scale ``DEEPEST``.
+    n and d define the plane of the nearest surface. rho is Geman-McClure's penalty with the scale ``DEEPEST``.
     """
 
     normals: Array  # (F, S, 3) unit vectors that point out of the obstacle.

@@ -109,7 +109,7 @@ class _StepPairs:
         return cls(np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.ones(len(x)), scale)
 
     def add(self, iteration: int, problems: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
-        """Store steps and gradient changes of given problems, with curvature 0 if not positive."""
+        """Store the steps and gradient changes of some problems. A curvature that is not positive becomes 0."""
         product = (step * change).sum(-1)
         sound = product > 1e-10 * np.sqrt((step * step).sum(-1) * (change * change).sum(-1))
         self.newest = iteration % len(self.steps)

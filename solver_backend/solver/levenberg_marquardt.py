@@ -160,11 +160,11 @@ def levenberg_marquardt(
 ) -> LMResult[State]:
     """Minimise ``sum_b f_b``, with separate unknowns for each problem b.
 
-    Each step δ solves ``(H + λ diag H) δ = -g``. If the cost decreases, x becomes ``retract(x, δ)``, otherwise λ grows
-    (Levenberg 1944, Marquardt 1963). A problem may return the costs of its P consecutive parts, each with its own λ. A
-    step is accepted or rejected as a whole. λ then shrinks or grows, except for some parts: λ does not shrink for a
-    part that became worse or for the next part, with which it shares unknowns, and it grows only for these two after a
-    rejected step. The minimisation ends when a step promises too little (Moré 1978).
+    Each step δ solves ``(H + λ diag H) δ = -g``. If the cost decreases, x becomes ``retract(x, δ)`` and λ shrinks.
+    Otherwise, λ grows (Levenberg 1944, Marquardt 1963). A problem may return the costs of its P consecutive parts, each
+    with its own λ. A step is still accepted or rejected as a whole. A part is harmed if it or the previous part becomes
+    worse, because they share unknowns. λ does not shrink for harmed parts after an accepted step, and grows only for
+    harmed parts after a rejected one. The minimisation ends when a step promises too little (Moré 1978).
 
     Args:
         linearise: maps a state to the (B,) costs of problems, or (B, P) of their parts, and to the normal equations.
@@ -207,7 +207,7 @@ def levenberg_marquardt(
 def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
     """Return the next step's damping, smaller after a good step and larger after a bad one.
 
-    A rejected step does not change the damping of the parts that it improved.
+    A rejected step increases the damping only for parts that became worse and for their next parts.
     """
     xp = array_namespace(damping)
     if damping.ndim == 1 or damping.shape[1] == 1:
@@ -231,7 +231,7 @@ def _most(damping: Array) -> Array:
 
 
 def _share_awaited(most: Array, damping: Array) -> Array | float:
-    """Return the (B,) factor on the tolerance: 1, or 0.1 for problems with strongly damped parts."""
+    """Return the (B,) factors by which the tolerance is scaled: 1, or 0.1 for problems with strongly damped parts."""
     return 1.0 if damping.ndim == 1 else 1.0 - 0.9 * array_namespace(most).astype(most >= HELD_BACK, most.dtype)
 
 
@@ -244,7 +244,7 @@ def _of_parts(mask: Array, cost: Array) -> Array:
 
 
 class RobustProblem(Protocol[State]):
-    """Least-squares problem with outliers. A robust scale in standard deviations separates them."""
+    """Least-squares problem with outliers. A threshold, in robust standard deviations, separates them from inliers."""
 
     def linearise(self, state: State, scale: float) -> tuple[Array, NormalEquations]:
         """Return the costs and the normal equations at a state (see ``levenberg_marquardt``)."""

@@ -154,7 +154,7 @@ class Cameras:
         return replace(self, t=self.t * factor, path=path)
 
     def at(self, frames: slice | np.ndarray) -> Cameras:
-        """Return the cameras in selected frames. A moving camera's own pose becomes its pose in the first of them."""
+        """Return the cameras in selected frames. A moving camera then starts with its pose in the first of these."""
         if self.path is None or not len(part := self.path.at(frames)):
             return self
         R, t = self.R @ part.R[0], (self.R @ part.t[0]) + self.t

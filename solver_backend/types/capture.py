@@ -280,7 +280,8 @@ class Capture:
         """Return the cameras and keypoints of a capture with one or more views.
 
         Raises:
-            TooFewViews, NoDetections: there are none, or no two of several cameras detect a keypoint in the same frame.
+            TooFewViews: the capture has no cameras or keypoints.
+            NoDetections: no keypoint is detected, or no two of several cameras detect one in the same frame.
         """
         cameras, keypoints = self._require_detections()
         return (cameras, keypoints) if self.is_one_view else self.require_multiview()

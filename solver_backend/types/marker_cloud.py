@@ -76,7 +76,7 @@ class MarkerCloud:
         return np.concatenate(parts, axis=-1)
 
     def with_values(self, values: np.ndarray, labels: tuple[str, ...]) -> MarkerCloud:
-        """Build a cloud from rows in the layout of ``values``, with new labels."""
+        """Build a cloud with new labels from an array in the same format as ``values``."""
         residual = None if self.residual is None else values[..., 3]
         covariance = None if self.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
         return MarkerCloud(values[..., :3], self.fps, labels, residual, covariance)

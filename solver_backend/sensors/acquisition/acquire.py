@@ -47,11 +47,11 @@ class RingDepths:
 
 
 def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray) -> Ring:
-    """Find the pixels with a depth within ``ring_px`` of each blob's blind patch.
+    """Find the pixels around each blob that have a depth, up to ``ring_px`` from the blob's blind patch.
 
-    Pixels near two blobs belong to the nearer one. The blind patch consists of the blob's saturated pixels (mask (P,)),
-    or of its pixels without depth if none saturate. Depths are (h, w) uint16, 0 where unknown. ``scratch`` (h * w,)
-    int32 may have any content. It avoids an allocation per frame.
+    The blind patch consists of the blob's saturated pixels (mask (P,)), or of its pixels without depth if none is
+    saturated. A pixel near two blobs belongs to the nearer one. ``depth_mm`` is (h, w) uint16, 0 where unknown.
+    ``scratch`` (h * w,) int32 may have any content. It avoids an allocation per frame.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
     core = saturated
@@ -89,9 +89,9 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
 def ring_depths(ring: Ring, count: int) -> RingDepths:
     """Compute the depth of each of ``count`` blobs as the mean of its ring without outliers.
 
-    If part of a ring is on another surface, such as an arm in front or the room behind, the centre of the closest half
-    of its depths replaces the median. If part of the ring is behind the resulting depth, that depth belongs to an
-    occluder and the marker gets none.
+    Outliers are far from the median. If part of a ring is on another surface, such as an arm in front or the room
+    behind, outliers are far from the centre of the closest half of the depths instead. If part of the ring is behind
+    the mean, the mean is the depth of an occluder, and the blob gets no depth.
 
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
     deviation around the median".
@@ -126,7 +126,7 @@ def _spread(depth: np.ndarray, owner: np.ndarray, middle: np.ndarray, sizes: np.
 
 
 def _sorted_in_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Sort (R,) values between 0 and ``GROUP_M`` by group and value. One key is faster than two."""
+    """Sort (R,) values between 0 and ``GROUP_M`` by group and value, with a single key for speed."""
     return values[np.argsort(GROUP_M * group + values)]
 
 
@@ -168,7 +168,7 @@ class SensorLens:
         self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.models[0])
 
     def undistorted(self, px: np.ndarray) -> np.ndarray:
-        """Undistort (N, 2) pixels to x/z and y/z by interpolation in the table. NaN outside the image."""
+        """Undistort (N, 2) pixels to x/z and y/z by interpolation in the table. Pixels outside the image give NaN."""
         width, height = self.size
         at = px + 1.0
         with np.errstate(invalid="ignore"):
@@ -253,7 +253,7 @@ def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray
 
 
 def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Split a blob into parts of at most ``limit`` px² variance: centres, and each pixel's part."""
+    """Split a blob into parts with a variance of at most ``limit`` px². Return centres and each pixel's part."""
     xy = _xy(blob.pixel, blob.width)
     number = min(max(fits, 2), SETTINGS.most_in_blob)
     while True:

@@ -101,7 +101,7 @@ def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
 
 
 def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the connected component of each of ``count`` nodes with edges (a, b), and their number.
+    """Return the connected component of each of ``count`` nodes with edges (a, b), and the number of components.
 
     Each node gets the smallest reachable number. Paths to the roots are halved (Shiloach and Vishkin 1982).
     """

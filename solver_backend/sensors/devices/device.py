@@ -52,7 +52,7 @@ class Device(OpenedDevice, ABC):
         """Yield frames until the device ends. Frames are dropped if they arrive faster than they are read."""
 
     def starting(self, start: float) -> Self:
-        """Return this sensor, or a replayed one with time 0 at the host time ``start``."""
+        """Return a sensor that plays a recording with time 0 at the host time ``start``, or this one if it is live."""
         return self
 
 

@@ -89,7 +89,7 @@ class OakPipeline(OpenedDevice, ABC):
 
     @abstractmethod
     def _role(self) -> str:
-        """Return the role on the synchronisation wire. Names outside ``ROLES`` mean none."""
+        """Return the camera's role on the synchronisation wire, from ``ROLES``. Other names mean no role."""
 
     def open(self) -> None:
         """Connect and start. Raise SensorFailed, or SensorUnknown if the device lacks cameras or lights."""
@@ -394,7 +394,7 @@ class OakColour(OakPipeline):
         return encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield images as they arrive, and None in between. Raise ``SensorFailed`` if the device is lost."""
+        """Yield images as they arrive, and None while there is none. Raise ``SensorFailed`` if the device is lost."""
         self._require_open()
         middle = depthai().CameraExposureOffset.MIDDLE
         while self._pipeline is not None and self._pipeline.isRunning():

@@ -59,10 +59,10 @@ _NEVER = 1e6  # Cost of an impossible pair, which exceeds any sum of possible co
 
 
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Select as many candidate pairs (a, b) as possible at the smallest ``Σ cost``, each element once.
+    """Select as many candidate pairs (a, b) as possible with the smallest total cost. Each element is used once.
 
-    Numbers are not negative, and costs are far below 1e6. The candidates are divided into components that share no
-    element. Components with several pairs are solved by the Hungarian method (Kuhn 1955).
+    a and b are non-negative numbers of elements, and costs are far below 1e6. The candidates are divided into groups
+    without common elements. Groups of several pairs are solved by the Hungarian method (Kuhn 1955).
     """
     if not len(a):
         return a, b

@@ -218,7 +218,7 @@ def _depth_clouds(
 
 
 def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarray]:
-    """Return up to nine (9, 3) ray intersections of each camera pair for each time that both have."""
+    """Intersect the rays of each camera pair at common times. Return up to nine points (N, 3) per pair and time."""
     clouds: list[np.ndarray] = []
     for a, b in combinations(sorted(lights), 2):
         times, first, second = np.intersect1d(lights[a][:, 0], lights[b][:, 0], return_indices=True)

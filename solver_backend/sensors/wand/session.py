@@ -181,7 +181,7 @@ def _poses_by_lights(
 
 
 def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Raise WandInvalid if the middle light divides the (3,) distances over 10 % differently."""
+    """Raise WandInvalid if the middle light's measured position on the wand is over 10 % off the description."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         message = f"The middle light divides the wand at {share:.3f}, but the lengths give {wand.short_share:.3f}."
@@ -302,7 +302,7 @@ def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) 
 
 
 def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:
-    """Sample all views at the first one's frame times. Keep the moments that at least two sensors saw."""
+    """Interpolate all views at the first view's frame times. Keep times when at least two sensors see the wand."""
     wanted = clocks.from_video(0, views[0].times_s)
     columns = []
     for c, view in enumerate(views):

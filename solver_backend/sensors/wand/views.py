@@ -95,7 +95,7 @@ class Moments:
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Remove rows that go back in time. Raise ``TimesInvalid`` for too many, or too long a span."""
+    """Remove rows that go back in time. Raise ``TimesInvalid`` if there are many, or if the times span too long."""
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
     good = np.isfinite(times) & (times > before)
