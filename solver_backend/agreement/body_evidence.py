@@ -13,6 +13,7 @@ from solver_backend.agreement.evidence import (
     OUTLIER_DENSITY,
     SCALES,
     TakeEvidence,
+    ViewRays,
     count_in_bins,
     fit_noise,
 )
@@ -75,6 +76,7 @@ def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = 
             same value, because smaller errors are correlated more strongly within a pose.
     """
     points, behind = triangulate_rays(evidence, reading)
+    views = [evidence.points(evidence.key(reading, view)[0]) for view in range(evidence.views)]
     place = {name: points[:, k] for k, name in enumerate(evidence.names)}
     lengths, usual, sides = _lengths(place)
     terms: dict[str, float] = {}
@@ -90,12 +92,11 @@ def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = 
         height = float(np.exp(scale))
         unequal = np.array([mean[a] - mean[b] for a, b in sides])
         terms["proportions"] = 0.5 * (_heavy(ratio - scale) + _heavy(unequal))
-    terms["upright"] = _upright(evidence, reading)
+    terms["upright"] = _upright(evidence.names, views)
     terms["handed"] = _handed(place)
     poses = min(evidence.poses, BLOCKS) * evidence.views
     terms["in front"] = float(np.log(ODD) * behind * poses)
-    outside = np.mean([evidence.points(evidence.key(reading, v)[0]).outside for v in range(evidence.views)])
-    terms["inside"] = float(np.log(ODD) * outside * poses)
+    terms["inside"] = float(np.log(ODD) * np.mean([view.outside for view in views]) * poses)
     return BodyEvidence(terms, height, points, own)
 
 
@@ -127,22 +128,18 @@ def _heavy(off: np.ndarray) -> float:
     return float((-2.0 * np.log1p((off / PROPORTION_SPREAD) ** 2 / 3)).sum())
 
 
-def _upright(evidence: TakeEvidence, reading: Reading) -> float:
+def _upright(names: Sequence[str], views: Sequence[ViewRays]) -> float:
     """Return the log-likelihood of trunk directions, once per take because cameras are fixed."""
-    names, found = evidence.names, []
     trunk = [(f"{side}_shoulder", f"{side}_hip") for side in ("left", "right")]
-    if any(name not in names for pair in trunk for name in pair):
+    if not {name for pair in trunk for name in pair} <= {*names}:
         return 0.0
-    columns = [(names.index(a), names.index(b)) for a, b in trunk]
-    for view in range(evidence.views):
-        rays = evidence.points(evidence.key(reading, view)[0]).rays
-        up = sum((rays[:, a] - rays[:, b] for a, b in columns), np.zeros(3))
-        tilt = np.arctan2(up[:, 0], -up[:, 1])
-        tilt = tilt[np.isfinite(tilt)]
-        if len(tilt):
-            level = np.exp(CONCENTRATION * np.cos(tilt)) / (2 * np.pi * float(np.i0(CONCENTRATION)))
-            found.append(float(np.log((1 - ODD) * level + ODD / (2 * np.pi)).mean()))
-    return 2.0 * float(np.mean(found)) if found else 0.0
+    rays = np.stack([view.rays for view in views])
+    up = sum((rays[:, :, names.index(a)] - rays[:, :, names.index(b)] for a, b in trunk), np.zeros(3))
+    cosine = np.cos(np.arctan2(up[..., 0], -up[..., 1]))
+    level = np.exp(CONCENTRATION * cosine) / (2 * np.pi * float(np.i0(CONCENTRATION)))
+    log = np.log((1 - ODD) * level + ODD / (2 * np.pi))
+    means = [row[np.isfinite(row)].mean() for row in log if np.isfinite(row).any()]
+    return 2.0 * float(np.mean(means)) if means else 0.0
 
 
 def _handed(place: dict[str, np.ndarray]) -> float:

@@ -10,7 +10,7 @@ from itertools import combinations, product
 import numpy as np
 
 from solver_backend.agreement.body_evidence import refit_pose
-from solver_backend.agreement.evidence import BOUND, MOST_ROUNDS, SCALES, STRIDE, TakeEvidence
+from solver_backend.agreement.evidence import BOUND, LEAST_NOISE, MOST_ROUNDS, SCALES, STRIDE, TakeEvidence
 from solver_backend.agreement.reading import MIRROR_MEANINGS, PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS, POSES, TURNS
 
@@ -18,7 +18,7 @@ _PARTS = ("size", "width", "left", "top")  # Parameters of images: their size an
 FREE = ("width",), ("left", "top"), ("size", "width"), ("size", "left", "top"), _PARTS
 """Parameters that are fitted together."""
 FREE_OF_ONE = ("width",), ("size", "width")  # The same for a single camera. Its crop would look like a rotation.
-CONVERGED = 2e-3  # Step length at which a fit ends, and of numerical derivatives.
+CONVERGED = LEAST_NOISE  # Step length at which a fit ends, and of numerical derivatives.
 SPREAD = 0.3  # Prior deviation of the logarithms of sizes and widths, and of edges in image heights. Largest step.
 
 

@@ -62,7 +62,7 @@ class Detections:
 
 MIN_POINTS = 4  # Fewest common keypoints of two detections to compare.
 MIN_CONFIDENCE = 0.1  # Smallest confidence of compared keypoints.
-ENOUGH, LEAST_VALUES = 24, 100  # Fewest frames or points for an estimate, and fewest values for a scale or a grid.
+ENOUGH = 24  # Fewest frames or points for an estimate.
 
 
 @dataclass(frozen=True)

@@ -169,39 +169,14 @@ def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> Vie
     return fault
 
 
-def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewRange]:
-    """Exclude the frame ranges of views that contradict at least two others."""
-    least = BRIEF_S * keypoints.fps
-    found = inconsistent_ranges(triangulation, keypoints.confidence, least) if len(cameras) > 2 else []
-    chosen = tuple(s for s in found if _is_hopeless(cameras, keypoints, s))
-    return without_ranges(cameras, keypoints, triangulation, chosen)
-
-
-def without_ranges(
-    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, ranges: Sequence[ViewRange],
-    wrong: np.ndarray | None = None,
-) -> CheckedViews[ViewRange]:  # fmt: skip
-    """Exclude frame ranges of views, or only the ``wrong`` (C, F) frames in them."""
-    if not ranges:
-        return CheckedViews(keypoints, triangulation, ())
-    out = np.zeros(keypoints.confidence.shape[:2], bool)
-    for view_range in ranges:
-        out[view_range.view, view_range.frames] = True
-    out &= True if wrong is None else wrong
-    keypoints = replace(keypoints, confidence=np.where(out[..., None], 0.0, keypoints.confidence))
-    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, keypoints.confidence), tuple(ranges))
-
-
-def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange) -> bool:
+def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view: int) -> bool:
     """Return whether a view is unrelated to every other view while all others agree."""
-    written = Reading.as_written(len(cameras))
-    evidence = TakeEvidence(cameras, _everybody(cameras, keypoints, view_range.first, view_range.last))
+    evidence = TakeEvidence(cameras, Detections.of_people(cameras.names, [keypoints.named]))
     if not evidence.poses:
         return False
-    pairs, noise = evidence.pair_noise(written)
-    wrong = ~noise.is_related
-    own = np.array([view_range.view in pair for pair in pairs])
-    return bool(own.any() and (~own).any() and wrong[own].all() and not wrong[~own].any())
+    pairs, noise = evidence.pair_noise(Reading.as_written(len(cameras)))
+    own = np.array([view in pair for pair in pairs])
+    return bool(own.any() and (~own).any() and not noise.is_related[own].any() and noise.is_related[~own].all())
 
 
 def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
@@ -383,10 +358,10 @@ def _again(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulatio
 def exclude_bystanders(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
 ) -> CheckedViews[ViewRange]:
-    """Exclude detections in frames in which a detector took a passer-by for the person.
+    """Exclude detections in frames in which a view shows a passer-by, and views that are unrelated to all others.
 
     As many views, or more, may agree on a passer-by as on the person. Tracks in space and in each view identify the
-    person (see ``follow_people``). A single view is not excluded.
+    person (see ``follow_people``). A view is kept in frames without another view.
     """
     least, unchanged = BRIEF_S * keypoints.fps, CheckedViews[ViewRange](keypoints, triangulation, ())
     if len(cameras) < 3 or not inconsistent_ranges(triangulation, keypoints.confidence, 0.5 * least):
@@ -397,10 +372,17 @@ def exclude_bystanders(
     except (NoDetections, TooFewViews):
         return unchanged
     sees, person = (keypoints.confidence > 0).any(axis=-1), accepted[:, :, 0]
-    person[doubtful_views(everybody, accepted)] = True
+    for view in doubtful_views(everybody, accepted):  # a moved camera may show the person, an unrelated one does not
+        person[view] |= not _is_hopeless(cameras, keypoints, view)
     strange = sees & ~person & (sees.sum(axis=0) > 1)
     runs = [run for run in view_runs(_closed(strange, round(least))) if strange[run.view, run.frames].sum() >= least]
-    return without_ranges(cameras, keypoints, triangulation, runs, strange)
+    if not runs:
+        return unchanged
+    out = np.zeros_like(strange)
+    for run in runs:
+        out[run.view, run.frames] = strange[run.view, run.frames]
+    keypoints = replace(keypoints, confidence=np.where(out[..., None], 0.0, keypoints.confidence))
+    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, keypoints.confidence), tuple(runs))
 
 
 def _closed(mask: np.ndarray, frames: int) -> np.ndarray:

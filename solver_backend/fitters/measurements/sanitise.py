@@ -22,7 +22,6 @@ from solver_backend.agreement.view_faults import (
     BRIEF_S,
     ViewFault,
     exclude_bystanders,
-    exclude_views,
     repair_views,
     turned_by,
     undo_swaps,
@@ -59,7 +58,7 @@ def check_capture(
 ) -> CheckedCapture:
     """Repair faults of single views: repeated frames, wrong conventions, delays, bystanders and exchanged limbs.
 
-    Detections with other faults are excluded.
+    Detections of bystanders and in unrelated views are excluded.
 
     Args:
         triangulation: triangulation of the capture without repairs.
@@ -69,7 +68,7 @@ def check_capture(
     Raises:
         NotSynchronised: ``sync`` is "on", and a delay cannot be estimated.
     """
-    steps = 5
+    steps = 4
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, steps)
     again, skipped, filled = (find(keypoints) for find in (repeated_frames, skipped_frames, filled_frames))
@@ -93,21 +92,19 @@ def check_capture(
     progress(STAGE, 3, steps)
     sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
     progress(STAGE, 4, steps)
-    rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
-    progress(STAGE, 5, steps)
     found = [item for fault in views.found for item in _diagnose_views(cameras, fault)]
     found += late + _alterations(cameras, again, skipped, filled, replaced)
     for swap in sides.found:
         where = {"cameras": [cameras.names[swap.view]], "frames": [(swap.first, swap.last)]}
         found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=swap.limb, gain=swap.gain))
-    for excluded in alone.found + rest.found:
+    for excluded in alone.found:
         where = {"cameras": [cameras.names[excluded.view]], "frames": [(excluded.first, excluded.last)]}
         found.append(diagnostic("contradicts", **where, remedy=Remedy.EXCLUDED))
-    away = true_runs(~seen_frames(rest.triangulation.points))
+    away = true_runs(~seen_frames(sides.triangulation.points))
     away = [run for run in away if run[1] - run[0] + 1 >= BRIEF_S * keypoints.fps]
     found += [diagnostic("person_away", frames=[run], remedy=Remedy.BRIDGED) for run in away]
     found.sort(key=lambda item: (item.where.frames, item.where.cameras, item.code))
-    return CheckedCapture(replace(capture, keypoints=rest.keypoints), rest.triangulation, merge(found))
+    return CheckedCapture(replace(capture, keypoints=sides.keypoints), sides.triangulation, merge(found))
 
 
 def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault]) -> list[Keypoints2D]:

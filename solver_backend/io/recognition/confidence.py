@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.agreement.evidence import SAMPLED_FRAMES
-from solver_backend.agreement.reading import LEAST_VALUES, Detections
+from solver_backend.agreement.evidence import FRAMES, SAMPLED_FRAMES
+from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 
 _MOST = 0.95
@@ -21,7 +21,7 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
     seen, largest = confidence[confidence > 0], float(confidence.max(initial=0.0))
     if not len(seen):
         return confidence, (), ()
-    few = len(seen) < LEAST_VALUES
+    few = len(seen) < FRAMES
     sure = float(np.quantile(seen, 0.5 if few else _MOST))
     if largest <= 1 and (few or 2 * sure >= 1):
         return confidence, (), ()
@@ -45,7 +45,7 @@ def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
     A repeated negative value only marks undetected points.
     """
     below, known = confidence[(confidence < 0) & written], written & np.isfinite(confidence)
-    is_logarithm = len(below) >= max(LEAST_VALUES, _MOST * known.sum())
+    is_logarithm = len(below) >= max(FRAMES, _MOST * known.sum())
     is_logarithm = is_logarithm and bool((below != below[0]).any()) and not (confidence[known] > 0).any()
     return np.where(known, np.exp(np.minimum(confidence, 0.0)), 0.0) if is_logarithm else confidence
 
