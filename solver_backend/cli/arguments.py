@@ -28,12 +28,12 @@ def given_settings(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def given_reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the reading options from the command line by name."""
+    """Return the reading options that the command line sets, by name."""
     return {name: tuple(value) if is_list(value) else value for name, value in _given(args, READING_ROWS).items()}
 
 
 def given_world(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the world settings from the command line by name."""
+    """Return the world settings that the command line sets, by name."""
     return _given(args, settings_of_class(WorldSettings))
 
 

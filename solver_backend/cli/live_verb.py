@@ -87,7 +87,7 @@ class LiveOutput:
         """Send and write lines until the source ends or a signal arrives.
 
         Args:
-            hold: ignores further signals, so that the recordings are written completely.
+            hold: function that ignores further signals, so that the recordings are written completely.
         """
         try:
             for line in lines if self._sender is None else self._sender.watched(lines):
@@ -102,7 +102,7 @@ class LiveOutput:
             self.stopped = True
 
     def finish(self) -> dict[str, object]:
-        """Finish the run, and return plain values such as the recorded files.
+        """Finish the run, and return JSON values, such as the recorded files.
 
         Raises:
             OutputNotWritable: lines were lost.

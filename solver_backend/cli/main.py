@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a command line, by default the one of this process, and return the exit code."""
+    """Run a command line and return the exit code. By default, run the arguments of this process."""
     argv = sys.argv[1:] if argv is None else argv
     open_standard_streams()
     report = Report(sys.stdout, sys.stderr, as_json="--json" in argv)

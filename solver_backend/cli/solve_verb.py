@@ -145,7 +145,7 @@ def _solve_one(
 
 
 def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingResult]]:
-    """Read the earlier motion, and the network results given as ``[CAMERA=]FILE``."""
+    """Read the earlier motion and the network results from which the solve starts."""
     if not job.start_from:
         return None, []
     from solver_backend.cli.motion_reading import network_of_bvh

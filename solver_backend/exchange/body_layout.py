@@ -156,7 +156,7 @@ class BodyLayout:
         return tuple(j for j, group in enumerate(self.groups) if group == name)
 
     def standing_for(self, other: BodyLayout) -> tuple[int, ...]:
-        """Return the index of the joint in this layout that corresponds to each joint of another layout.
+        """Return, for each joint of another layout, the index of the corresponding joint in this layout.
 
         The first joints of the middle fingers correspond to SMPL's hand joints.
 
@@ -170,7 +170,7 @@ class BodyLayout:
         return tuple(self.joints.index(name) for name in names)
 
     def shared_with(self, other: BodyLayout) -> tuple[list[int], list[int]]:
-        """Return the indices of the joints that both layouts have, in this layout and in the other one."""
+        """Return the indices of the joints that both layouts have: first in this layout, then in the other layout."""
         both = [name for name in self.joints if name in other.joints]
         return [self.joints.index(name) for name in both], [other.joints.index(name) for name in both]
 

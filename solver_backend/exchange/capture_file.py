@@ -82,7 +82,7 @@ def read_capture(path: Path) -> CaptureFile:
 
 
 def portable_path(path: Path | None, folder: Path) -> str:
-    """Return the footage path for a capture file, relative if inside its folder, or "" for none."""
+    """Convert a footage path for a capture file: relative if it is inside ``folder``, and "" if it is None."""
     if path is None:
         return ""
     full, base = os.path.abspath(path), os.path.abspath(folder)

@@ -101,7 +101,7 @@ def unobserved(motion: MotionFile) -> MotionFile:
 
 
 def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
-    """Add an edit to a motion's provenance. Provenance in another format is kept under ``earlier``."""
+    """Add an edit to a motion's provenance. If the provenance has another format, keep it under ``earlier``."""
     record = _record_of(motion)
     record["edits"] = [*edits_of(motion), {"verb": f"motion {edit}", **values}]
     return replace(motion, provenance=json.dumps(record, sort_keys=True))

@@ -52,7 +52,10 @@ class Cancellation:
 
 @contextmanager
 def signals_handled(handler: Any) -> Iterator[None]:
-    """Handle cancellation signals with a function during a ``with`` block, in the main thread only."""
+    """During a ``with`` block, handle cancellation signals with ``handler``.
+
+    Outside the main thread, signals are not changed.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -74,9 +77,9 @@ def cancel_on_signals(error: Callable[[], BaseException] = cancelled) -> Iterato
 
 @contextmanager
 def cancelling_until_held() -> Iterator[Callable[[], None]]:
-    """Yield a function that ignores cancellation signals until the end of the ``with`` block.
+    """Yield a function that makes this process ignore cancellation signals until the ``with`` block ends.
 
-    It lets a recording be written completely.
+    Call it before recordings are written, so that they are written completely.
     """
     with ExitStack() as stack:
         yield lambda: stack.enter_context(signals_handled(signal.SIG_IGN))

@@ -210,7 +210,7 @@ def _read(item: Mapping[str, Any]) -> Diagnostic:
 
 
 def _kept(value: Any) -> Any:
-    """Return a text, a finite number, or a list or object of these. Convert other values to short text."""
+    """Limit a value to JSON types: text, finite numbers, lists and objects. Convert other values to short text."""
     if isinstance(value, str | bool) or (isinstance(value, int | float) and math.isfinite(value)):
         return value
     if isinstance(value, Mapping) and value:

@@ -146,7 +146,7 @@ LiveLine = EventLine | FrameLine
 
 
 def frame_line(number: int, t: float, state: str, latency_s: float, lag_s: float, **values: Any) -> FrameLine:
-    """Build the line for one frame, with delays in seconds and keys of ``FrameLine``."""
+    """Build the output line for one frame. ``values`` are further keys of ``FrameLine``."""
     delays = {"latency_ms": round(1e3 * latency_s, 3), "lag_ms": round(1e3 * lag_s, 3)}
     return cast("FrameLine", {"frame": number, "t": round(t, 6), "state": state, **values, **delays})
 

@@ -20,7 +20,7 @@ class GroundPath:
 
     @classmethod
     def of(cls, root: np.ndarray) -> GroundPath:
-        """Return the path given by a motion's ``root`` (F, 3)."""
+        """Build a path from a motion's ``root`` (F, 3): x and y in metres, and heading in radians."""
         return cls(np.column_stack([root[:, :2], np.zeros(len(root))]), root[:, 2])
 
     @property

@@ -15,7 +15,7 @@ MOST_TERMS = 8  # Largest number of coefficients in a lens model. Shorter models
 
 @dataclass(frozen=True)
 class LensModel:
-    """A lens model, with functions that accept arrays from any namespace ``xp``."""
+    """A lens model. Its functions accept arrays from any library ``xp``, such as NumPy."""
 
     name: str  # Name in files and messages.
     terms: tuple[str, ...]  # Names of the coefficients, in order.

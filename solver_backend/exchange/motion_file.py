@@ -137,7 +137,7 @@ class MotionFile:
 
     @property
     def num_frames(self) -> int:
-        """Number of frames."""
+        """Number of frames F of the motion."""
         return len(self.rotvec)
 
 

@@ -263,7 +263,7 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
 
 
 def _unfinished(beginning: str, path: Path, number: int) -> str:
-    """Return a temporary name with the file's suffix. A number replaces a name that is too long."""
+    """Return a temporary name with the suffix of ``path``. If the name is too long, ``number`` replaces it."""
     name = beginning + path.name
     return name if len(os.fsencode(name)) <= _LONGEST_NAME else f"{beginning}{number}{path.suffix}"
 
@@ -342,7 +342,7 @@ def unreadable(path: Path | str, error: OSError) -> FileDamaged:
 
 
 def require_path(path: Path | str, what: str = "file") -> Path:
-    """Return the path of an existing file or folder, or raise ``FileMissing`` with a similar name."""
+    """Return the path of an existing file or folder. Otherwise, raise ``FileMissing`` and suggest a similar name."""
     path = Path(path)
     if path.exists():
         return path
@@ -359,7 +359,8 @@ def require_path(path: Path | str, what: str = "file") -> Path:
 def open_regular(path: Path | str) -> BinaryIO:
     """Open a regular file for reading bytes.
 
-    Some system files (``/proc/kmsg``) look regular but have no size and block. They are opened without blocking.
+    Some system files, such as ``/proc/kmsg``, look like regular files, but reading them can wait forever. They are
+    opened without blocking.
 
     Raises:
         OSError: it cannot be opened, is a device, pipe or folder, or has no data yet.

@@ -34,7 +34,7 @@ def largest_finite(values: np.ndarray) -> float:
 
 
 def require_within(name: str, values: np.ndarray, most: float, error: type[MocapError], where: str) -> None:
-    """Raise the given error unless all numbers are finite and do not exceed ``most``."""
+    """Raise the given error unless all numbers are finite and have magnitudes up to ``most``."""
     values = np.asarray(values)
     largest = float(max(values.max(initial=0.0), -values.min(initial=0.0)))
     if not np.isfinite(largest):

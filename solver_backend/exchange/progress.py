@@ -21,7 +21,7 @@ class Progress(Protocol):
 
 
 def silent(stage: str, done: int, total: int) -> None:
-    """Ignore progress."""
+    """Progress callback that does nothing."""
 
 
 def prefixed(progress: Progress, prefix: str) -> Progress:
@@ -98,6 +98,6 @@ class JsonProgress(_Paced):
         self.event({"event": "progress", "stage": stage, **count})
 
     def event(self, event: Mapping[str, object]) -> None:
-        """Write one event."""
+        """Write an event as a JSON line."""
         self._stream.write(json.dumps(as_plain(event), allow_nan=False) + "\n")
         self._stream.flush()

@@ -79,7 +79,7 @@ class Placement:
 
     @property
     def turn(self) -> np.ndarray:
-        """(3, 3) rotation matrix."""
+        """(3, 3) matrix of the rotation about Z."""
         return matrix_from_rotvec(np.array([0.0, 0.0, self.angle]))
 
     def move(self, motion: MotionFile) -> MotionFile:
@@ -197,12 +197,12 @@ def _aligned(before: MotionFile, at: int, after: MotionFile, start: int) -> Plac
 
 
 def blend_end(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
-    """Add half of a seam's difference, which fades in, to the end of the first motion."""
+    """Add half of a seam's difference to the end of the first motion. The difference fades in."""
     return _offset(motion, seam, (np.arange(motion.num_frames) - (motion.num_frames - 1)) / motion.fps, -0.5, blend_s)
 
 
 def blend_start(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
-    """Add half of a seam's difference, which fades out, to the start of the second motion."""
+    """Add half of a seam's difference to the start of the second motion. The difference fades out."""
     back = seam.placement.turn.T
     own = replace(seam, shift=back @ seam.shift, velocity=back @ seam.velocity)
     return _offset(motion, own, np.arange(motion.num_frames) / motion.fps, 0.5, blend_s)

@@ -53,7 +53,7 @@ class SkeletonMotion:
 
     @property
     def num_frames(self) -> int:
-        """Number of frames."""
+        """Number of frames F of the motion."""
         return len(self.joints)
 
 

@@ -39,7 +39,7 @@ def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tup
 
 
 def standing_runs(still: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Find when a point is still, as ranges (first, last + 1) joined across short breaks."""
+    """Find when a point is still, as ranges (first, last + 1). Short movements do not interrupt a range."""
     shortest = max(2, round(SHORTEST_S * fps))
     return [(first, stop) for first, stop in _joined(_runs(still), round(BREAK_S * fps)) if stop - first >= shortest]
 

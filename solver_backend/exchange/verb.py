@@ -102,7 +102,7 @@ def values(*texts: str) -> tuple[Choice, ...]:
 
 
 def by_name(verbs: Iterable[Verb]) -> dict[str, Verb]:
-    """Return verbs by name."""
+    """Map names to verbs."""
     return {verb.name: verb for verb in verbs}
 
 
@@ -203,7 +203,7 @@ class Program:
         return args
 
     def parser(self, group: str = "") -> Parser:
-        """Return the parser for the words that name a verb. Its help lists the verbs."""
+        """Return the parser that expects a verb's name, in a group if given. Its help lists the verbs."""
         name, of_group = f"{self.name} {group}".strip(), self.groups.get(group, "")
         about = f"{of_group[:1].upper()}{of_group[1:]}." if group else self.description
         usage = f"{name} [-h]{' [--version]' * bool(self.version and not group)} VERB ..."

@@ -32,7 +32,7 @@ _video = partial(setting, group=VIDEOS)
 
 @dataclass(frozen=True, kw_only=True)
 class VideoSettings:
-    """Settings that complete the footage of a take, for example cameras and lenses."""
+    """Settings for information that a take's footage does not contain, for example cameras and lenses."""
 
     # fmt: off
     cameras: str = _video(

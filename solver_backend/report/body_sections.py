@@ -179,7 +179,7 @@ def hands_section(motion: Motion) -> str:
 
 
 def _bends_deg(wrists: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return the (F, 2, 5, 2) flexion of knuckles and middle joints in degrees, by hand and finger."""
+    """Return the flexion of knuckles and middle joints in degrees (F frames, 2 hands, 5 fingers, 2 joints)."""
     start = np.broadcast_to(wrists[:, :, None, None], (*joints.shape[:3], 1, 3))
     bones = np.diff(np.concatenate([start, joints], axis=3), axis=3)
     before, after = bones[..., :-1, :], bones[..., 1:, :]

@@ -39,7 +39,7 @@ def write_report(
 
 
 def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None = None) -> str:
-    """Return the report page of a solve as HTML, including the check of the cameras if there was one.
+    """Return the report page of a solve as HTML. With ``calibration``, it includes the camera check.
 
     Raises:
         MotionInvalid: the motion does not belong to the capture.

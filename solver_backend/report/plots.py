@@ -130,7 +130,7 @@ def _shade(shade: Shade, x: _Scale, height: float) -> str:
 def thinned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the frame numbers and values of a curve to draw, at most ``MAX_POINTS``.
 
-    Of long curves, the lowest and highest value of each block of frames is drawn.
+    For long curves, the lowest and highest value of each block of frames is drawn.
     """
     frames = np.arange(len(values))
     if len(values) <= MAX_POINTS:
@@ -172,7 +172,7 @@ def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
 def _reading(
     lines: Sequence[PlotCurve], fps: float, unit: str, digits: int, width: float, left: float = LEFT
 ) -> dict[str, object]:
-    """Return the curve values that the page's script shows under the pointer."""
+    """Return the curve values that the page's script shows at the pointer's position."""
     frames = len(lines[0].values)
     data: dict[str, object] = {"frames": frames, "fps": fps, "unit": unit, "left": left, "right": width - RIGHT}
     if frames <= MAX_READABLE:

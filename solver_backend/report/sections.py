@@ -71,7 +71,7 @@ def _item(found: Diagnostic, level: str, fps: float) -> str:
 
 
 def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) -> str:
-    """Show the reprojection error and the agreement for each camera and keypoint."""
+    """Show each camera's and keypoint's reprojection error, and the percentage of inliers."""
     if residuals is None or capture.cameras is None or capture.keypoints is None:
         return ""
     cameras = [*capture.cameras.names, "all"]

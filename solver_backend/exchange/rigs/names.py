@@ -60,7 +60,7 @@ _PREFIXES = _set("def bip bip001 bip01 mixamorig character j jnt joint bone bn c
 
 
 def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]:
-    """Return the most likely bone for each role, following connected bones along each limb.
+    """Return the most likely bone for each role, judged by names. A limb's bones must be on one branch.
 
     Args:
         parents: parent name of each bone. Roots have none.

@@ -47,7 +47,7 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
-    """Return a diagnostic if a rest pose is not a standing pose, such as the first frame of a clip.
+    """Return a diagnostic if a rest pose is not a standing pose, for example if it is a clip's first frame.
 
     Args:
         places: maps roles to (3,) head positions at rest.

@@ -222,14 +222,14 @@ _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
 
 
 def views_of(stage: Stage) -> list[int]:
-    """Count the views of the person from each of eight directions, from the front and turning left."""
+    """Count the camera views of a person by eight viewing directions. The first one is from the front."""
     angle = direction_seen_from(stage.cameras, stage.person.orient, stage.joints[:, 0]) % (2 * np.pi)
     eighth = np.round(angle / (np.pi / 4)).astype(int) % 8
     return np.bincount(eighth.ravel(), minlength=8).tolist()
 
 
 def poses_of(joints: np.ndarray) -> dict[str, list[int]]:
-    """Count the joint angles of joints (F, 24, 3) in bins of ``SECTOR_DEG``, by name."""
+    """Count the limb angles of (F, 24, 3) joints in bins of ``SECTOR_DEG``, by name of the angle."""
     upright = np.broadcast_to([0.0, 0.0, 1.0], joints[:, 0].shape)
     found = {"trunk off upright": _counted(_angle(_line(joints, "pelvis", "neck", ""), upright))}
     for name, (one, other) in _LIMBS.items():

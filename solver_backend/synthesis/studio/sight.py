@@ -302,7 +302,10 @@ def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _tables(body: Body, landmarks: Landmarks) -> tuple[RigidSight, np.ndarray]:
-    """Return the lookup tables of head and hands, and a (J, K) mask of keypoints they can hide."""
+    """Return the lookup tables of head and hands.
+
+    Also return a (J, K) mask of the keypoints that the ellipsoids of each part can hide.
+    """
     part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
     own = own_parts(body, landmarks.names)
     counted = np.stack([~own[:, part == bone].any(axis=1) for bone in range(len(body.parents))])

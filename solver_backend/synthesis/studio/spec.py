@@ -32,7 +32,7 @@ LIGHT = ("day", "dim", "night", "random")
 
 @dataclass(frozen=True)
 class StudioLook:
-    """Appearance of a shot. The shot's seed determines values of 'random'."""
+    """Appearance of a shot. If a value is 'random', the shot's seed determines it."""
 
     name: str
     clothes: str = "suit"  # Key of ``CLOTHES``.

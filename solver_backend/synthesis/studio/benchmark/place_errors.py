@@ -111,7 +111,10 @@ def _keypoints(body: Body) -> Landmarks:
 def _look(
     true: Cameras, person: Person, points: np.ndarray, hidden: np.ndarray, faults: Faults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate several detections of each pose, (C, F, K, 2), and their confidences (C, F, K)."""
+    """Simulate ``_DRAWS`` detections of each pose: (C, F, K, 2) pixels and (C, F, K) confidences.
+
+    Along F, the poses are repeated ``_DRAWS`` times.
+    """
     px = project(true, points)
     with np.errstate(invalid="ignore"):
         inside = ((px >= 0) & (px < true.image_size[:, None, None])).all(-1)
