@@ -85,7 +85,7 @@ class _Match:
         return None if self.person.local is None else self.person.local[np.maximum(self.rows, 0)]
 
     def of_points(self, points: np.ndarray) -> _Match:
-        """Return the match with other points for the same person."""
+        """Return the match with new result points (n, L, 3), placed at the take's frames."""
         known = (self.rows >= 0)[:, None, None]
         return replace(self, points=np.where(known, points[np.maximum(self.rows, 0)], np.nan))
 
@@ -102,11 +102,10 @@ def with_network_results(
 ) -> Measurements:
     """Add a layer to the measurements for each network result.
 
-    A single camera's size also depends on the result unless ``is_sized``, and its solve may start from the result's
-    poses.
+    For a single camera, a result may also correct the person's size unless ``is_sized``, and provide the initial poses.
 
     Raises:
-        JobInvalid: a result's camera does not exist, or is not named although there are several.
+        JobInvalid: a result's camera does not exist, or several cameras exist and the result does not name one.
         MotionInvalid: a result is for another video, is mirrored, or has too few frames.
     """
     layers, found = list[NetworkPoses](), list[Diagnostic]()
@@ -226,7 +225,7 @@ def _view(capture: Capture, result: StartingResult, landmarks: Landmarks) -> _Vi
 
 
 def _points(person: NetworkResult, landmarks: Landmarks, body: Body, betas: np.ndarray) -> np.ndarray:
-    """Return landmarks (F, L, 3) relative to the pelvis in camera axes, in metres, or NaN."""
+    """Return landmarks (F, L, 3) relative to the pelvis in camera axes, in metres, NaN where unknown."""
     if person.local is not None:
         still = np.zeros((len(person.frames), 3))
         local = person.local[:, 1:]
@@ -255,10 +254,10 @@ def _lengths(points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
 
 
 def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray:
-    """Return the RMS distances (F,) of points from their viewing rays in metres per axis.
+    """Return the RMS distances (F,) of points from their viewing rays in metres per axis, NaN with too few points.
 
-    ``min_{s, t} Σ w |x - s p_xy - t|²`` (weak perspective), divided by the best s. NaN if there are too few points.
-    ``points`` (F, L, 3) belong to the take's ``frames`` (F,).
+    The distance is ``min_{s, t} Σ w |x - s p_xy - t|²`` divided by the best s (weak perspective), for keypoints x with
+    weights w, and points p with scale s and shift t. ``points`` (F, L, 3) belong to the take's ``frames`` (F,).
     """
     x, w = view.image[frames], np.where(np.isfinite(points).all(-1), view.weight[frames], 0.0)
     x, p = np.where(w[..., None] > 0, x, 0.0), np.where(w[..., None] > 0, points[..., :2], 0.0)
@@ -355,9 +354,9 @@ def _sight(view: _View) -> np.ndarray:
 
 
 def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return other estimates (F, L, 3) of the points, and their variance in depth.
+    """Return reference points (F, L, 3) to compare a network result with, and their variances along the line of sight.
 
-    For one camera these are the lifted pose, and for several cameras the triangulated points.
+    They are the lifted pose for one camera, and the triangulated points for several cameras.
     """
     source = measurements.source
     if isinstance(source, OneCamera):
@@ -373,12 +372,12 @@ def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tup
 def deviations(
     points: np.ndarray, view: _View, sight: np.ndarray, other: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate the deviations (L, 2) of points across and along the line of sight in metres.
+    """Estimate the deviations (L, 2) of a result's points across and along the line of sight in metres.
 
-    Across, they are the distances of the placed points from their rays. Along, they are the distances from ``other``
-    points minus the ``variance`` of these points. The ratio of along to across is at least as large as in the jitter of
-    the tracks. Also return factors (L,) of at most 1 for the precision of other points that have larger errors than
-    stated.
+    The first deviation is the distance of the points from their viewing rays. The second is their distance from
+    reference points ``other`` along the line of sight, minus the ``variance`` of the reference points. It is at least
+    the first deviation times the ratio of the jitter along and across the line of sight. Also return factors (L,) of at
+    most 1 for the precision of reference points whose errors are larger than ``variance``.
     """
     weight = np.where(np.isfinite(points).all(-1), view.weight, 0.0)
     filled = np.nan_to_num(points)

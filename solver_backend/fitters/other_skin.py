@@ -32,9 +32,9 @@ def spread_vertices(body: Body) -> np.ndarray:
 
 
 def only_close(one: Motion, other: Motion) -> Motion | None:
-    """Return the other person's motion, marked as unseen in frames without joints within ``CLOSE_M``.
+    """Return the other person's motion. Frames in which no joints of the two people are within ``CLOSE_M`` are unseen.
 
-    Return None if this applies to all frames. Frames without one of the people also count.
+    Frames that do not show both people are also unseen. Return None if no frame is left.
     """
     if one.joints is None or other.joints is None or len(one.joints) != len(other.joints):
         return None
@@ -82,7 +82,7 @@ class OtherSkin:
         return cls(points, out, rows)
 
     def nearest(self, points: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signed distances (F, S) of points from the nearest skin, and its normals.
+        """Return the signed distances (F, S) of points from the nearest skin, and the normals (F, S, 3) of this skin.
 
         Distances are negative inside, and infinite beyond ``REACH_M``. ``frames`` (F,) are the frame numbers.
         """

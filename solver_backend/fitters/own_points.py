@@ -85,7 +85,7 @@ class PlacedPoints(Layer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Report the points' positions, and keep only the keypoints' landmarks for the motion."""
+        """Report the points' positions, and remove their landmarks, which are not part of the motion."""
         found, subject = (*self.found, *self._report(problem, solved)), solved.subject
         count = len(subject.landmarks) - len(self.points)
         subject = replace(subject, landmarks=subject.landmarks.part(slice(0, count)), offsets=subject.offsets[:count])

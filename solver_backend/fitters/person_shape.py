@@ -298,12 +298,14 @@ def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, 
 def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, sample: np.ndarray) -> DataTerm:
     """Return the term with noise variances learned from a solution's residuals.
 
-    ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far. This
-    is the restricted maximum likelihood of the log-variance (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is
-    the share of a view's error that the point absorbs, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are relative
-    to the mean of their keypoint, because the views' disagreement already determines its overall noise. Otherwise,
-    residuals of a limb that the body does not follow yet would count as noise and persist. Points with one measurement
-    are not used. Detections beyond ``scale`` standard deviations are excluded.
+    ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers of keypoint l in view c, in units of the
+    variance assumed so far. r are residuals with d coordinates, v_l is the mean over views, and the prior counts as n
+    frames. This is the restricted maximum likelihood of the log-variance (thesis eqs. 5.2, 5.3) under an inverse-gamma
+    prior. h is the share of a view's error that the point absorbs, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``.
+
+    The term uses ``v_cl / v_l``, because the disagreement of the views has already determined a keypoint's overall
+    noise. Otherwise, a limb that the body does not follow yet would look noisy, and stay wrong. Points with one
+    measurement are not used. Detections beyond ``scale`` standard deviations are excluded.
     """
     return reweighted_by_points(pose(subject, frames).points, term.select(sample), term, scale)
 
@@ -346,7 +348,7 @@ def with_window_variances(
         points: (F, L, 3) a solution's landmarks in metres.
         scale: landmarks beyond this many standard deviations are excluded.
         dof: unknowns of the solution per frame.
-        looked_at: (T,) bool, frames of the term that have points, or None for all. A window without any gets the mean.
+        looked_at: (T,) bool, frames of the term that have points, or None for all. A window without points gets v_l.
     """
     looked_at = np.ones(len(points), dtype=bool) if looked_at is None else looked_at
     found = term.select(np.flatnonzero(looked_at)).residuals(points)

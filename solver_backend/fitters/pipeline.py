@@ -327,7 +327,7 @@ def solve(
         person: person from an earlier marker calibration. None calibrates on the take.
         start: motion to start from, for several cameras.
         results: network results for some cameras, which are combined with the detections.
-        others: motions of other people in the same take. The person moves out of them by half the depth.
+        others: motions of other people in the same take. Where bodies overlap, the person moves by half of the overlap.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -404,7 +404,11 @@ def solve_problem(
 def _solve_body(
     problem: Problem, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> tuple[Problem, Problem, SolvedFrames, Convergence]:
-    """Return the problem with its final source, the problem with the landmarks of its layers, and the solution."""
+    """Solve a person's body, and solve it again if a layer changes the problem.
+
+    Return the problem with its final point source, the same problem with the layers' landmarks, the solution and its
+    convergence.
+    """
     method = METHODS[settings.method]
 
     def solve_once(problem: Problem) -> MethodResult:

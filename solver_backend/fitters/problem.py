@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class SolvedLayer:
-    """Layer of a solve that is finished, with results for the motion."""
+    """Finished part of a solve for one kind of measurement, which adds its results to the motion."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Add the layer's results to the motion. ``posed`` is the body in all frames."""
@@ -93,7 +93,7 @@ class PointSource(Layer):
         raise NotImplementedError
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Learn the measurement noise from the poses in a bundle, and return the data term with it."""
+        """Learn the measurement noise from the poses in a bundle, and return a data term that uses it."""
         raise NotImplementedError
 
 
@@ -177,7 +177,7 @@ class Problem:
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
-        """Build the problem, with the prior applied to the body's joints, and with the mixture prior.
+        """Build the problem. The prior is restricted to the body's joints, and the mixture prior for poses is added.
 
         Raises:
             PriorInvalid: the prior is inconsistent or does not fit the body.
@@ -227,7 +227,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Convergence of a solve at its last robust scale, over parts solved one after another."""
+    """Convergence of a solve at its last robust scale. Its parts, such as windows, are solved separately."""
 
     parts: int
     converged: int  # Number of parts whose cost is stable.

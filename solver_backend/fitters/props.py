@@ -72,10 +72,12 @@ TURN_PRECISION = 3.0 / np.pi**2  # Precision of an unknown rotation: an angle be
 class PropEquations:
     """Cost, gradient and Hessian of a prop's motion w.r.t. its poses and velocities.
 
-    The cost is ``½ Σ ρ(|R_f p_m + t_f - x_fm|² / σ²) + ½ Σ eᵀ Q⁻¹ e + ½ Σ dt (|ω|² / q_R + |v|² / q_t) / τ²``. The
-    errors between frames are ``e = (log(R_f+1 R_fᵀ) - dt ω_f, t_f+1 - t_f - dt v_f, ω_f+1 - ω_f, v_f+1 - v_f)`` with
-    ``Q = [[dt³/3, dt²/2], [dt²/2, dt]] q``, and τ is ``RELAXES_S``. References: Barfoot 2017, "State Estimation for
-    Robotics", section 11.2.3 (white noise on acceleration), and Uhlenbeck and Ornstein 1930 (decaying velocities).
+    The cost is ``½ Σ ρ(|R_f p_m + t_f - x_fm|² / σ²) + ½ Σ eᵀ Q⁻¹ e + ½ Σ dt (|ω|² / q_R + |v|² / q_t) / τ²``. p_m is
+    marker m on the prop, x_fm its measurement, and ω and v are the velocities. The errors between frames are
+    ``e = (log(R_f+1 R_fᵀ) - dt ω_f, t_f+1 - t_f - dt v_f, ω_f+1 - ω_f, v_f+1 - v_f)`` with
+    ``Q = [[dt³/3, dt²/2], [dt²/2, dt]] q`` for the densities q of rotation and translation. τ is ``RELAXES_S``.
+    References: Barfoot 2017, "State Estimation for Robotics", section 11.2.3 (white noise on acceleration), and
+    Uhlenbeck and Ornstein 1930 (decaying velocities).
     """
 
     points: np.ndarray  # (F, M, 3) recorded markers, metres, NaN where missing.
@@ -179,8 +181,8 @@ class PropStart:
 def start_prop(points: np.ndarray) -> PropStart:
     """Estimate a prop's shape and poses from markers (F, M, 3) that move as one rigid body.
 
-    The frame with most markers gives the initial shape. Then the poses are aligned to the shape (``umeyama``), and the
-    shape is set to the median over all frames, alternately.
+    The frame with the most markers gives the initial shape. Then two steps alternate: align the shape to each frame
+    (``umeyama``), and set the shape to the median over all frames.
     """
     seen = np.isfinite(points).all(-1)
     best = int(seen.sum(axis=1).argmax())
@@ -210,9 +212,9 @@ def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _least_turned(axes: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations that align the line ``axes[0]`` with its directions in the rotated frames.
+    """Return the smallest rotations from the line ``axes[0]`` to its direction in each frame.
 
-    The axis ``axes[1]`` resolves half turns.
+    For a half turn, the rotation axis is ``axes[1]``.
     """
     to = R @ axes[0]
     across = np.cross(axes[0], to)
@@ -279,7 +281,7 @@ class Props(Layer):
         Args:
             worn: labels of the person's markers.
             layout: path of a file with label locations, see ``read_label_places``. Empty for none.
-            others: markers with other prefixes.
+            others: markers whose label prefix is not the person's.
         """
         names = name_markers([label for label in cloud.names if not is_unnamed(label)], places_given(layout))
         used = {*worn, *names.virtual, *names.doubled}
@@ -343,10 +345,11 @@ def _learned(equations: PropEquations, state: PropState) -> PropEquations:
 
 
 def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations:
-    """Scale the marker deviation to the variance of the residuals: ``Σ w |r|² / (3 Σ w - tr H C)``.
+    """Set the marker deviation to the standard deviation of the residuals: ``σ² = Σ w |r|² / (3 Σ w - tr H C)``.
 
-    The trace is the number of degrees of freedom that the poses use, where C is their covariance (Hodges and Sargent
-    2001, "Counting degrees of freedom in hierarchical and other richly-parameterised models").
+    w are robust weights. The trace is the number of degrees of freedom that the poses use, where C is their covariance
+    and H the markers' Hessian (Hodges and Sargent 2001, "Counting degrees of freedom in hierarchical and other
+    richly-parameterised models").
     """
     error, _ = equations.residuals(state)
     _, weight = equations.weights(error, SCALE)
@@ -375,7 +378,7 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
 def _without_wrong_points(points: np.ndarray) -> np.ndarray:
     """Exclude points that contradict the largest group of agreeing markers in a frame.
 
-    If several groups are equally large, labels may be swapped. All points that contradict any other are then excluded.
+    If several groups are equally large, labels may be swapped. Then every point that contradicts another is excluded.
     """
     away = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
     off = np.abs(away - quantile(away, 0.5, axis=0))
@@ -398,7 +401,7 @@ UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)  # Standard deviations beyond whic
 
 
 def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tuple[tuple[Prop, ...], list[Diagnostic]]:
-    """Find and solve props among markers that the person does not wear, with diagnostics."""
+    """Find and solve the props among markers that the person does not wear. Return the props and diagnostics."""
     found = [(cloud, group) for cloud in markers.others for group in loose_groups(cloud)]
     for cloud in markers.loose:
         frames = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))

@@ -99,8 +99,8 @@ def with_resting_spread(
 ) -> np.ndarray:
     """Return covariances (F, J, 6) that include the spread of resting parts: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
-    k is ``growth``, and D are the deviations in ``SPREAD_MM``. The variances in ``BESIDE_MM``, multiplied by s, are
-    added to its joints.
+    k is ``growth``, and D are the deviations in ``SPREAD_MM``. Then ``BESIDE_MM``, squared and multiplied by s, is
+    added to the variances of the joints that it names for each part.
 
     Args:
         covariance: (F, J, 6) covariances C of the fit in m² (see ``packed``).
@@ -132,11 +132,12 @@ def with_resting_spread(
 
 
 def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
-    """Return the factor (F,) on a joint's spread around its anchor, relative to standing.
+    """Return the factor (F,) by which a posture widens a joint's spread around its anchor, relative to standing.
 
     The factor is ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs,
-    ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) / ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. For
-    walkers it is multiplied by ``WALKING``, and for legs by ``LOW``. θ is the lean of the pelvis.
+    ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) / ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. θ is the
+    lean of the pelvis. ``WALKING`` is an additional factor for the upper body of a walker, and ``LOW`` for the legs of
+    a person near the floor.
     """
     if joint in _ARM:
         leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
@@ -295,11 +296,12 @@ def resting_shares(
 ) -> PartShares:
     """Return the weights of the rest pose and of the resting variance for undetermined parts.
 
-    A landmark determines a part if its lever about the part's first joint is at least the lever in ``LEADS``. The
-    weight of the rest pose is ``3 u² - 2 u³``. u rises from 0 to 1 within ``FADE_S``, beginning ``HOLD_S`` after the
-    last frame that determines the part. The weight of the variance is the square of time over ``UNKNOWN_S`` before the
-    first and after the last such frame. Between such frames, it is the third power, at most ``BETWEEN``. Frames outside
-    ``seen`` (F,) do not place the body and are interpolated. ``pinned`` frames determine every part.
+    A landmark determines a part if its lever about the part's first joint is at least the lever in ``LEADS``.
+    ``pinned`` frames determine every part. All other weights depend on the time to the nearest frame that determines
+    the part. The weight of the rest pose is ``3 u² - 2 u³``, where u rises from 0 to 1 within ``FADE_S``, beginning
+    after ``HOLD_S``. The weight of the variance rises within ``UNKNOWN_S``: with the square of time before the first
+    and after the last such frame, and with the third power between such frames, where it is at most ``BETWEEN``. It is
+    at least the weight of the rest pose. Frames outside ``seen`` (F,) do not place the body and are interpolated.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
     frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})
@@ -450,7 +452,7 @@ def _diagnose(shares: dict[str, np.ndarray], words: RestWords) -> Iterator[Diagn
 
 
 def listed(parts: list[str]) -> str:
-    """Combine the names of body parts to words for a message, as in "Arms and head"."""
+    """Join the names of body parts into a phrase for a message, such as "Arms and head"."""
     words = []
     for limb, halves in (("arm", ("upper_arm", "forearm")), ("leg", ("thigh", "shank"))):
         sides = {side: [half for half in halves if f"{side}_{half}" in parts] for side in ("left", "right")}

@@ -104,7 +104,7 @@ def _select(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
 
 
 def _reduced(hessian: Array, gradient: Array, d_pose_d_state: Array) -> DenseBlocks:
-    """Return the regularised normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``, with C the pose's derivative."""
+    """Return regularised normal equations of the states: ``Cᵀ H C`` and ``Cᵀ g``. C is the derivative of the pose."""
     xp = array_namespace(hessian)
     C = xp.astype(d_pose_d_state, hessian.dtype)
     reduced = xp.astype(xp.matmul(xp.matrix_transpose(C), xp.matmul(hessian, C)), gradient.dtype)
@@ -156,7 +156,7 @@ def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> 
 
 
 def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray, progress: Progress = silent) -> FrameStates:
-    """Fit poses to some frames' points, from the lifter's pose or the best start pose."""
+    """Fit poses to points in some frames, starting from the lifter's pose or the best of several start poses."""
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
     report = partial(_report, progress, len(blocks))
@@ -236,7 +236,7 @@ STRAYED = 6.0  # If a frame's cost relative to the median exceeds this, it is fi
 
 
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
-    """Estimate poses in about ``RATE_HZ`` frames per second. Most frames start from two neighbours fitted before."""
+    """Estimate poses at about ``RATE_HZ``. Poses at ``ANCHORS_HZ`` are fitted first, and initialise the others."""
     seen = np.flatnonzero(problem.measurements.seen)
     frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
     chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))

@@ -91,7 +91,7 @@ class SkinContacts:
             yield diagnostic("foot_below_floor", size=-100 * float(self.lowest[afloat].min()))
 
     def beside(self, other: SkinContacts) -> SkinContacts:
-        """Append the skin points of contacts with another object. Data on single frames remain this object's."""
+        """Append the skin points of other contacts. The lowest skin remains that of this object."""
         points = ("solid", "held", "added", "anchors", "normals", "offsets")
         joined = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1) for name in points}
         count = len(self.landmarks) - len(self.parts)
@@ -148,13 +148,14 @@ def find_skin_contacts(
     *,
     detects: bool = True,
 ) -> SkinContacts | None:
-    """Find skin contacts with the floor and objects. Return None if only feet touch.
+    """Find skin contacts with the floor and objects.
 
-    If there are objects, feet also count. If the user changed contacts, there is always a result.
+    Return None if nothing touches, or if only feet touch and there are no objects. If the user changed contacts, there
+    is always a result.
 
     A point touches with probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)``, given distance z and speed v. It is
-    held while this exceeds one half for at least the duration of a step. Points stay outside surfaces in all frames.
-    The floor z = 0 is ignored in the frames that ``_off_floor`` finds.
+    fixed while the probability exceeds one half for at least the duration of a step. Points stay outside surfaces in
+    all frames. The floor z = 0 is ignored in the frames that ``_off_floor`` finds.
 
     Args:
         frames: F solved poses.
@@ -301,9 +302,9 @@ def _of_foot(name: str) -> bool:
 def _low_vertices(
     subject: Subject, frames: PosedFrames, near: np.ndarray, fps: float, world: Obstacles, told: Sequence[UserContact]
 ) -> np.ndarray:
-    """Return sole vertices, and vertices that are near a surface or lowest in added contacts.
+    """Select skin vertices: those of the soles, near a surface, or lowest on a part with a contact that the user added.
 
-    They are at least ``SPACING_M`` apart at rest. The deepest ones are chosen first.
+    The vertices are at least ``SPACING_M`` apart at rest. The lowest ones are selected first.
     """
     body, stride = subject.body, max(1, round(SAMPLE_S * fps))
     rest, parts = body.v_template, parts_of_skin(body)

@@ -161,7 +161,7 @@ def named_extras(
 def with_extras(
     person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, progress: Progress = silent
 ) -> MarkerSubject:
-    """Add markers to a person that are unlabelled in takes and move with a bone.
+    """Add markers to a person: unlabelled points of the takes that move with a bone.
 
     A new marker is named after its bone and a number (``LTHI_X1``). A marker from an earlier take keeps its name. The
     person must have been calibrated on this body with the markers named in these takes.
@@ -211,7 +211,7 @@ def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[st
 
 
 def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return each chain's marker (C,), or -1, and a (C,) mask of ambiguous chains.
+    """Return the marker (C,) of each chain of tracklets, or -1, and a (C,) mask of ambiguous chains.
 
     ``missing`` (F, L) marks the person's markers that are not observed under their labels.
     """

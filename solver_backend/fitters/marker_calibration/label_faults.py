@@ -58,8 +58,8 @@ def clean_labels(
     """Correct swapped labels, and exclude ghost points.
 
     For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is the gain from a
-    label swap. They are swapped if its mean over a window is large. If one of them is hidden, the other's label
-    changes.
+    label swap, where ρ is a robust square. The labels are swapped if the mean of g over a window is large. If only one
+    of the two markers is visible, it gets the other label.
 
     Args:
         points: (F, M, 3) measured markers x in metres, NaN where missing.
@@ -119,7 +119,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Extend a range to adjacent frames where a swap gains, and trim frames where it does not."""
+    """Extend a range to adjacent frames in which a swap improves the fit, and trim end frames in which it does not."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:
@@ -269,9 +269,10 @@ def _on_skin(name: str) -> str:
 
 
 def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the sines (n, F) of the feet's direction relative to waist and legs, positive forwards, or None.
+    """Return the sines (n, F) of the direction of each foot relative to waist and legs, positive forwards.
 
-    The feet of kneeling legs point backwards, so legs with strongly bent knees are judged by the knees' direction.
+    The feet of kneeling legs point backwards, so legs with strongly bent knees are judged by the direction of the
+    knees. Return None if waist, legs or feet lack markers.
     """
     lateral = _lateral(points, column, WAIST, 1)
     lateral = _lateral(points, column, LEGS, LEAST_PAIRS) if lateral is None else lateral
@@ -302,7 +303,7 @@ def _knee_forward(
 
 
 def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the sines (n, F) of the directions of bent knees and noses, positive forwards, or None without either."""
+    """Return the sines (n, F) of bent knees' and noses' directions, positive forwards, or None if neither is known."""
     found = []
     hips, shoulders = _lateral(points, column, ("FWT",), 1), _lateral(points, column, ("SHO",), 1)
     if hips is not None:
@@ -424,8 +425,8 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
 def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:
     """Find pairs of markers that are at each other's position in most frames.
 
-    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)``, where m are medians over frames. The expected
-    positions y are corrected by the body's error near each marker.
+    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)``, where m is the median over frames, and s is
+    ``EXCHANGE_LEAVES``. The expected positions y are corrected by the body's error near each marker.
     """
     around = neighbours_of(points)
     shifted = expected + shared_error(points - expected, around)

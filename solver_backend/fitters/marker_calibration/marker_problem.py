@@ -86,7 +86,7 @@ def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
 
 
 def distances(found: SubjectCalibration, points: np.ndarray) -> np.ndarray:
-    """Return distances (M,) of markers from their locations in metres, plus median residuals."""
+    """Return the distance (M,) in metres of each marker from its usual location, plus the marker's median residual."""
     away = np.linalg.norm(points[found.frames] - to_numpy(pose(found.subject, found.poses).points), axis=-1)
     residual = np.nan_to_num(quantile(away, 0.5, axis=0))
     return np.linalg.norm(to_numpy(found.subject.offsets), axis=-1) + residual
@@ -226,7 +226,7 @@ def _cleaned(
 
 
 def moved_points(cloud: MarkerCloud, points: np.ndarray) -> MarkerCloud:
-    """Return the cloud after label corrections. Residuals and covariances follow their points.
+    """Return the cloud with corrected markers. Residuals and covariances move with the points that got another label.
 
     ``points`` (F, L, 3) are the corrected positions. Excluded markers are NaN.
     """

@@ -25,7 +25,7 @@ NAMES_OVER_TAKES, SIDE_FOUND = "names_over_takes", "side_found"
 
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
-    """Return warnings about unused names, excluded markers and detected sides."""
+    """Return warnings about a calibrated person, for example names that differ between takes or misplaced markers."""
     sides, over, off, two = (
         person.provenance.get(key, ()) for key in (SIDE_FOUND, NAMES_OVER_TAKES, MISPLACED, TWO_PLACES)
     )
@@ -64,7 +64,7 @@ def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
 
 
 def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
-    """Return warnings about swapped labels. A solve of the take itself reports the frames."""
+    """Return a warning for each pair of labels that was swapped. Solving the take also reports the frames."""
     pairs = person.provenance.get(EXCHANGED, ())
     return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
 

@@ -23,10 +23,10 @@ or a factor of 2 increase the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %,
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
-    """Return (M, N) indices of points in ``pool``, those at the most constant distances first.
+    """Sort the points in ``pool`` by how constant their distance is from each marker. Return indices (M, N).
 
-    A term for the distance puts near points first if all variances are small, as for a person who stands still. Missing
-    points are NaN. Points that are visible together in fewer than two sampled frames come last.
+    If all variances are small, as for a person who stands still, near points come first. Missing points are NaN. Points
+    that are visible together with the marker in fewer than two sampled frames come last.
     """
     some = np.unique(np.linspace(0, len(points) - 1, FRAMES).astype(int))
     away = np.linalg.norm(points[some, :, None] - pool[some][:, None], axis=-1)
@@ -43,11 +43,12 @@ def among(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predict a marker's positions (n, 3) in a gap from its neighbours, with squared errors in m².
 
-    In the neighbours' moving axes (Kabsch 1976), the marker's position is ``u = W v``, found by ridge regression on the
-    neighbours' positions v in these axes. v describes how the neighbours move relative to each other. Errors at the
-    gap's ends are interpolated into it. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is the training frames' error
-    times ``1 + R h + (h / h_max)²``: errors of W grow linearly with the distance v, and errors from nonlinear movement
-    quadratically. In the training frame with the largest h, the latter are as large as the training error.
+    The prediction uses axes that move with the neighbours (Kabsch 1976). In these axes, v are the neighbours'
+    positions, and ``u = W v`` is the marker's position, found by ridge regression. Its errors at the gap's ends are
+    interpolated to correct the prediction inside the gap. With ``h = vᵀ (VᵀV)⁻¹ v``, where V are the training frames,
+    the squared error is the training error times ``1 + R h + (h / h_max)²``. Errors of W grow linearly with the
+    distance of v from the training frames, and errors from nonlinear movement quadratically. h_max is the largest h of
+    a training frame.
 
     Args:
         points: (R, 3) positions of the marker in metres, only used where ``known`` (R,).

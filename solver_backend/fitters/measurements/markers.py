@@ -40,8 +40,8 @@ _LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Most and fewest frames c
 def no_person_in(points: np.ndarray) -> str:
     """Return the reason why points (F, N, 3) in metres do not show a whole person, or "".
 
-    They do not if the points are too close together in every frame, or move as one rigid body. Rigidity is tested with
-    sorted distances in the frames with the most points, so that swapped tracks do not matter.
+    The reason is that the points are too close together in every frame, or move as one rigid body. Rigidity is tested
+    with sorted distances in the frames with the most points, so that swapped tracks do not matter.
     """
     seen = np.isfinite(points).all(-1)
     count = seen.sum(axis=1)
@@ -69,10 +69,10 @@ def no_person_in(points: np.ndarray) -> str:
 
 
 def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
-    """Select the markers with labels in a known layout, or with a user-defined location.
+    """Select the markers whose labels are in a known layout or have a user-defined location.
 
     Raises:
-        MarkersUnknown: there are no labels, or fewer of them are known than ``least_markers``.
+        MarkersUnknown: there are no labels, or fewer than ``least_markers`` labels are known.
     """
     labels = _require_labels(cloud)
     names = name_markers(labels, own)

@@ -99,7 +99,7 @@ class ViewPoints(_Points):
         return np.full(layout.num_joints, CONSTANT_M)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Learn the noise of each keypoint in each view, and return the data term with it."""
+        """Learn the noise of each keypoint in each view, and return a data term that uses it."""
         problem, posed = bundle.problem, bundle.posed
         sample = posed.poses.select(index(problem.sample, posed.keys.z))
         return with_learned_noise(problem, posed.subject, sample, bundle.settings)
@@ -156,7 +156,7 @@ class LocatedPoints(_Points):
         )
 
     def report(self, points: np.ndarray) -> tuple[None, dict[str, float]]:
-        """Return no reprojection errors, and statistics over all visible markers."""
+        """Return statistics over all visible markers. The reprojection errors are None."""
         error = 1000 * np.linalg.norm(points - self.points, axis=-1)
         error = error[np.isfinite(error)]
         return None, {
@@ -207,7 +207,7 @@ def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> 
 
 
 def _centres(points: np.ndarray) -> np.ndarray:
-    """Return the median position (F, 3) of the points (F, L, 3) per coordinate. Empty frames get the take's median."""
+    """Return the coordinate-wise median (F, 3) of points (F, L, 3). Frames without points get the take's median."""
     ordered = np.sort(points, axis=1)  # missing values come last
     count = np.isfinite(ordered).sum(axis=1)
     centres = np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None], axis=1)[:, 0]
@@ -309,7 +309,7 @@ LEAST_POINTS = 12  # Smallest number of shared points for aligning the motion wi
 def begin_at(
     measurements: Measurements, motion: Motion, body: Body, prior: AutoencodingPrior, like: Array
 ) -> Measurements:
-    """Start the solve of several cameras from a motion, which also provides missing points.
+    """Start the solve of several cameras from a motion. It also constrains the body in frames with too few points.
 
     The motion may be in another world. It is rotated, scaled and shifted to fit the triangulated points in all frames.
 
@@ -345,7 +345,7 @@ class HeldMotion(Layer):
     term: RelativePositionTerm  # Term for the motion's poses at any position.
 
     def terms(self) -> FrameObjective:
-        """Return the term that draws the body to the motion's poses, at any position."""
+        """Return a term that attracts the body to the motion's poses. It does not constrain the body's position."""
         return FrameObjective((), relative=(self.term,))
 
 

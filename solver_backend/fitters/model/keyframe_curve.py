@@ -73,7 +73,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return derivatives (W·n, 6, 6) of the frames' root motion w.r.t. one keyframe's."""
+        """Return the derivatives (W·n, 6, 6) of the frames' root motion w.r.t. the root motion of one keyframe."""
         xp = array_namespace(self.weights)
         # Map a left rotation of the key to one of the frame: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))
@@ -292,7 +292,7 @@ def turns_of(by_joints: Array, layout: StateLayout) -> Array:
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:
-    """Convert derivatives w.r.t. keyframe quaternions to ones (..., 3) w.r.t. left rotations."""
+    """Convert derivatives w.r.t. keyframe quaternions to derivatives (..., 3) w.r.t. left rotation vectors."""
     xp = array_namespace(quat)
     return xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), by_quat[..., None])[..., 0]
 
@@ -322,7 +322,7 @@ def key_poses(
 
 
 def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyframes:
-    """Return keyframes at other frame numbers (K,), on the curves of single windows."""
+    """Evaluate the curves of single windows at other frame numbers (K,), and return the results as keyframes."""
     xp, vectors, (window, time) = array_namespace(keys.z), keys.residual, layout.positions(times)
     curve = KeyframeCurve.through(keys.of_windows(window, layout.free), time[:, None], residuals=True)
     codes, quats = rows_of(curve.codes.value), rows_of(curve.root.quat)
@@ -332,7 +332,7 @@ def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyfr
 
 
 def summed_by_keys(values: Array) -> Array:
-    """Sum derivatives (W, k, d) w.r.t. the keyframes of each window to (n W + 1, d), where windows share keyframes."""
+    """Sum derivatives (W, k, d) by window and keyframe to (n W + 1, d) by keyframe. Neighbouring windows share one."""
     count, free = values.shape[0], values.shape[1] - 1
     summed = zeros((free * count + 1, values.shape[-1]), values)
     for key in range(free + 1):

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KeyframeLayout:
-    """Keyframes of N windows over F frames. Window w has the keyframes from n w to n w + n and shares its end ones.
+    """Keyframes of N windows over F frames. Window w has keyframes n w to n w + n, so neighbours share one.
 
-    Solves of a whole take use terms over keyframes and splines, which need n = 2.
+    Solves of a whole take use splines and priors on keyframes, which require n = 2.
     """
 
     bounds: np.ndarray  # (N + 1,) ascending frame numbers where windows meet, from the first frame to the last.
@@ -55,7 +55,7 @@ class KeyframeLayout:
 
     @property
     def frames(self) -> np.ndarray:
-        """(F,) frame numbers from the first bound to the last."""
+        """(F,) frame numbers from the first frame of the first window to the last frame of the last window."""
         return np.arange(self.bounds[0], self.bounds[-1] + 1)
 
     def positions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -117,8 +117,9 @@ class KeyframeLayout:
 def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
     """Return windows of a frame range and its neighbours, and a mask of free keyframes.
 
-    There are keyframes at the range's ends, at the pins, and at equal distances between them. Keyframes at pins, at the
-    ends and outside are fixed, except at the ends of the take. ``window`` is the window length in frames.
+    There are keyframes at the range's ends, at the pins, and at equal distances between them. The keyframes inside the
+    range are free, except the pins. An end of the range is only free if it is also an end of the take. ``window`` is
+    the window length in frames.
     """
     stops = sorted({frame_range.first, frame_range.last, *(pin.frame for pin in frame_range.pins)})
     parts = [KeyframeLayout.even(b - a + 1, window, a).bounds for a, b in itertools.pairwise(stops)]
@@ -147,12 +148,12 @@ class WindowRows(Rows):
         return [slice(a, b) for a, b in itertools.pairwise(bounds.tolist())]
 
     def columns(self, count: int) -> np.ndarray:
-        """Return about ``count`` columns at equal distances over the rows."""
+        """Return the numbers of about ``count`` equally spaced columns."""
         stride = max(1, int((self.weight > 0).sum(axis=1).min()) // count)
         return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
 
     def sampled(self, columns: np.ndarray) -> WindowRows:
-        """Select the frames in some columns. Their weights then also represent the other frames."""
+        """Select some columns, which are frames of each window. Their weights are increased to represent all frames."""
         weight = self.weight[:, columns]
         weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
         return WindowRows(self.frames[:, columns], self.time[:, columns], weight)
@@ -167,7 +168,7 @@ class Interpolant(Protocol):
         ...
 
     def vjp(self, cotangent: Array) -> Array:
-        """Convert derivatives (W, n, d) w.r.t. points to (W, n, k, d) w.r.t. each keyframe."""
+        """Convert derivatives (W, n, d) w.r.t. points to derivatives (W, n, k, d) w.r.t. each keyframe."""
         ...
 
     def jacobian(self, key: int) -> Array:
@@ -205,7 +206,7 @@ def combined(weights: Array, values: Array) -> Array:
 
 
 def shared(weights: Array, by_frames: Array) -> Array:
-    """Convert derivatives w.r.t. frames to (W, k, d) w.r.t. keyframes, with weights (W, n, k)."""
+    """Convert derivatives w.r.t. frames to derivatives (W, k, d) w.r.t. keyframes, with weights (W, n, k)."""
     xp = array_namespace(by_frames)
     rows = xp.reshape(by_frames, (*weights.shape[:2], -1))
     return xp.matmul(xp.matrix_transpose(weights), rows)

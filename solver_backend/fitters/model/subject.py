@@ -62,7 +62,7 @@ def decoded_with_vjp(
 
 
 def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
-    """Return ``exp(ρ_j) R_j`` for fixed rotations R (F, J, 3, 3), with derivatives w.r.t. ρ."""
+    """Return ``exp(ρ_j) R_j`` for fixed rotations R (F, J, 3, 3), and a function that propagates derivatives to ρ."""
     bend = left_jacobian_so3(residual)
     turned = array_namespace(local).matmul(exp_so3(residual), local)
     return turned, lambda by_joints: (None, _transposed(bend, by_joints))
@@ -107,9 +107,9 @@ def d_pose_d_state(
 
     Args:
         by_code: (F, 3 J, c) derivatives of joints w.r.t. the code, or None if the code is fixed.
-        by_root: (F, 6, 6) derivatives of the root's rotation and translation w.r.t. the state's, None for identity.
-        weight: (F,) weights of the state's rotation vectors, or None for one.
-        by_residual: (F, J, 3, 3) derivatives of joints w.r.t. their rotation vectors, or None on the manifold.
+        by_root: (F, 6, 6) derivatives of the pose's root motion w.r.t. the state's root motion. None means identity.
+        weight: (F,) weights of the state's rotation vectors. None means 1.
+        by_residual: (F, J, 3, 3) derivatives of joints w.r.t. their residual rotations. None if there are none.
     """
     like = by_residual if by_code is None else by_code
     assert like is not None
@@ -142,7 +142,7 @@ class Keyframes(Rows):
     residual: Array  # (K, 21, 3) rotations off the manifold, radians.
 
     def of_windows(self, windows: np.ndarray, free: int = 2) -> Keyframes:
-        """Select the keyframes (W, n + 1) of each given window, which has n free keyframes."""
+        """Select the n + 1 keyframes of each given window: (W, n + 1), where n is ``free``."""
         return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
 
     def fives(self, windows: np.ndarray) -> Keyframes:
@@ -157,7 +157,7 @@ class Keyframes(Rows):
         return Keyframes(*(xp.concat([old[: keys.start], part, old[keys.stop :]]) for old, part in pairs))
 
     def retract(self, step: Array, layout: StateLayout) -> Keyframes:
-        """Move the keyframes by (K, n) steps in this layout's blocks."""
+        """Move the keyframes by (K, n) steps in the unknowns of this layout."""
         xp, z, residual = array_namespace(step), self.z, self.residual
         if CODE in layout:
             along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]
@@ -170,7 +170,7 @@ class Keyframes(Rows):
 
 
 def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
-    """Return the joint rotation vectors (K, J, 3) in steps (K, n), zero for joints without a block."""
+    """Return the joint rotation vectors (K, J, 3) in steps (K, n). They are zero for joints that are not unknowns."""
     vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
     if layout.turned == tuple(range(num_joints)):
         return vectors
@@ -294,7 +294,7 @@ class Subject:
 
     @classmethod
     def average(cls, body: Body, landmarks: Landmarks, like: Array) -> Subject:
-        """Return the average person without landmark bias. Arrays are of the same kind as ``like``."""
+        """Return the average person without landmark bias. Arrays get the backend and precision of ``like``."""
         return cls(body, landmarks, constant(np.zeros(10), like), constant(np.zeros((len(landmarks), 3)), like))
 
     def astype(self, precision: Any) -> Subject:
@@ -312,7 +312,7 @@ class FrameEquations:
 
     @cached_property
     def hessian(self) -> Array:
-        """(F, p, p) Hessians, computed on first use, for all frames or only the chosen ones."""
+        """(F, p, p) Hessians of the frames that were requested, computed on first use."""
         return self._form()
 
 

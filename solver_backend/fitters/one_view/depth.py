@@ -149,8 +149,9 @@ def restore_sides(
 def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
     """Return the number (F,) of a limb's left and right pairs that swap in each frame.
 
-    A step ``x_t - x_{t-1}`` is predicted by the mean of the steps before and after it. The errors on a keypoint's own
-    track and on its counterpart's track are compared. Limbs that pass each other continue their motion.
+    A step ``x_t - x_{t-1}`` is predicted by the mean of the steps before and after it. A pair swaps if the prediction
+    fits better after its left and right keypoints are exchanged. Limbs that pass each other continue their motion, so
+    they do not count.
     """
     columns = np.array(pairs)
     both = seen[:, columns].all(axis=-1)
@@ -180,10 +181,10 @@ def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]
 
 
 def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray, list[int]]:
-    """Return an (F,) mask of the swapped ranges between pairs of jumps, and the remaining jumps.
+    """Return an (F,) mask of frames with swapped sides, and the jumps that could not be paired.
 
-    Without a second jump within ``longest`` frames, the correct side is unknown. A single jump of fewer than
-    ``LEAST_PAIRS`` pairs also ends a swap.
+    Two jumps within ``longest`` frames start and end a swap. Without a second jump, the correct side is unknown. A
+    single jump of fewer than ``LEAST_PAIRS`` pairs also ends a swap.
     """
     edges, exchanged = np.flatnonzero(jumped >= LEAST_PAIRS).tolist(), np.zeros(len(jumped), dtype=bool)
     faint = np.flatnonzero((jumped > 0) & (jumped < LEAST_PAIRS))
@@ -210,13 +211,13 @@ def _last_seen(both: np.ndarray, reach: int) -> np.ndarray:
 
 
 def _step_before(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the steps (n, 2, 2) from the previous frame into each frame in pixels, or 0 if unknown."""
+    """Return a pair's motion (n, 2, 2) in pixels from the previous frame to each of n frames, or 0 if unknown."""
     known = (frames > 0) & both[np.maximum(frames - 1, 0)]
     return np.where(known[:, None, None], track[frames] - track[np.maximum(frames - 1, 0)], 0.0)
 
 
 def _step_after(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the steps (n, 2, 2) from each frame to the next one in pixels, or 0 if unknown."""
+    """Return a pair's motion (n, 2, 2) in pixels from each of n frames to the next frame, or 0 if unknown."""
     after = np.minimum(frames + 1, len(track) - 1)
     known = (after > frames) & both[after]
     return np.where(known[:, None, None], track[after] - track[frames], 0.0)
@@ -299,7 +300,7 @@ class OneCamera(PointSource):
         return FrameObjective(self.floor, relative=(self.lifted,))
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with a person's size from the solved poses, if feet on a calibrated floor show it.
+        """Estimate the person's size again from the solved poses, if planted feet on a calibrated floor determine it.
 
         Detections and planted feet correct lifted poses, for example legs that are bent too little.
         """

@@ -125,7 +125,7 @@ def measure_one_view(
     betas: tuple[float, ...] | None,
     progress: Progress,
 ) -> Measurements:
-    """Prepare the only camera that shows the person as measurements.
+    """Prepare measurements from the only camera that shows the person.
 
     Raises:
         NoDetections: no frame has enough keypoints to place a body.
@@ -230,7 +230,7 @@ def lift_on_sides(
 ) -> tuple[Keypoints2D, LiftedTake, list[Diagnostic]]:
     """Correct swapped limbs. Return the detections, the lifted take, and diagnostics.
 
-    Limbs that pass each other fast also look swapped. A part stays as detected if the body then fits better.
+    Limbs that pass each other fast also look swapped. A correction is undone if the body fits better without it.
     """
     restored, found = restore_sides(camera, detected)
     take, repaired = lift(restored), [item for item in found if item.remedy is Remedy.REPAIRED]
@@ -274,7 +274,8 @@ def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
 def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera: np.ndarray) -> np.ndarray:
     """Return the covariances (F, L, 3, 3) of lifted points: ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ``.
 
-    a and l are deviations across and along the line of sight d, s is the size's, and p points from the camera.
+    a and l are the deviations across and along the line of sight d. s is the relative deviation of the person's size,
+    and p the vector from the camera to the point.
     """
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (sigma[..., k, None, None] ** 2 for k in (0, 1))
@@ -294,9 +295,10 @@ def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: n
 
 
 def _sigma_px(cameras: Cameras, keypoints: Keypoints2D, depth: np.ndarray, view: int) -> np.ndarray:
-    """Return the deviations (1, F, L) of detections from a body with average proportions, in pixels.
+    """Return the deviations (1, F, L) in pixels of detections from a body with average proportions.
 
-    Second differences of the tracks estimate the detector's noise. Their variance is six times as large.
+    They include the detector's noise, estimated from second differences of the tracks, which have six times its
+    variance.
     """
     xy = keypoints.xy[view]
     second = np.abs(xy[:-2] - 2.0 * xy[1:-1] + xy[2:])

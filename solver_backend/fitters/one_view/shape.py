@@ -153,11 +153,11 @@ def fit_shape(
 ) -> SeenShape:
     """Fit the body shape to a lifted take by Gauss-Newton steps.
 
-    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_i² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. The
-    positions t are eliminated. e is the share of new information per frame, x are the keypoints in focal lengths, h the
-    heights of planted soles above the floor and o the height of the shoes. The fit assumes that the pose is exact.
-    Joint rotations ω would change the stature by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that
-    last for ``ALIKE_S``.
+    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_i² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. p_i are
+    points of the posed body with shape β, t is the body's position, which is eliminated, and x_i are keypoints in focal
+    lengths. e is the share of new information per frame. h_s are the heights of planted soles above the floor, and o is
+    the height of the shoes. The fit assumes that the pose is exact. Joint rotations ω would change the stature by
+    ``Σ g·ω``, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that last for ``ALIKE_S``.
 
     Args:
         turn_sigma: (F, 1 + J) standard deviations of the lifted rotations of root and solved joints, in radians.

@@ -30,9 +30,9 @@ _LEAST = 1e-6  # Regularises joints without bones, and sigmas of 0.
 def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:
     """Smooth bone directions and body position over time, mainly in depth.
 
-    A bone with direction u is rotated to ``G_d (u·s) s + G_a (u - (u·s) s)``, where s is the line of sight and G are
-    Gaussian filters. A joint with several bones gets the smallest rotation that fits all of them. The root's distance
-    and direction are also smoothed. Bone lengths do not change.
+    A bone with direction u is rotated to ``G_d (u·s) s + G_a (u - (u·s) s)``, where s is the line of sight, and G_d and
+    G_a are Gaussian filters along and across it. A joint with several bones gets the smallest rotation that fits all of
+    them. The root's distance and direction are also smoothed. Bone lengths do not change.
     """
     body, frames, sight = solved.subject.body, solved.frames, one.sight
     if len(sight) < 3:
@@ -87,9 +87,9 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     """Put the lowest points of planted feet on the floor z = 0, and remove foot sliding.
 
     The body moves by the mean height of its planted feet, smoothed in time. In frames without a contact, the lower foot
-    counts instead if it never rises enough for a flight. A slow height error comes from a depth error, so its slow part
-    moves the body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, where e points up, d is
-    along ``sight`` (F, 3) and k is ``DEEPER``. The rest moves the body vertically.
+    is used, unless its height suggests a jump. A slow height error comes from a depth error, so its slow part moves the
+    body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, where e points up, d is along
+    ``sight`` (F, 3) and k is ``DEEPER``. The rest of the height error moves the body vertically.
 
     Then the legs bend until each planted foot is on the floor at its mean position. Feet keep their orientation. Feet
     below the floor are also lifted. No foot moves by more than ``MOST_M`` relative to the body.
@@ -199,7 +199,8 @@ def with_ankle_moved(
 ) -> np.ndarray:
     """Move one ankle, and return adjusted leg rotations (F, J, 3, 3). The foot does not rotate.
 
-    The knee bends to match the distance between hip and ankle, and the smallest leg rotation aims it at the ankle.
+    The knee bends to match the new distance between hip and ankle. Then the smallest rotation of the hip aims the leg
+    at the new position of the ankle.
     """
     hip, knee, ankle = chain
     above = root

@@ -25,7 +25,7 @@ BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1,
 
 @dataclass(frozen=True)
 class KeypointSettings:
-    """Weights of Pose-NDF's keypoint objective (eq. 10), relative to squared deviations of the detector's noise."""
+    """Weights in Pose-NDF's keypoint objective (eq. 10), relative to errors in units of the detector's noise."""
 
     manifold: float = 50.0  # w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` vanishes near the manifold.
     adaptive: bool = True  # False uses a constant ``λ_θ = w``, 1/rad, for comparison.
@@ -106,7 +106,10 @@ class KeypointObjective:
 
 
 def bending(local: Array, weight: float) -> tuple[Array, Array, Array]:
-    """Return the bending cost ``λ_α/2 Σ exp(2 α)``, its gradient (F, 63) and its curvature w.r.t. left tangents."""
+    """Penalise knees and elbows that bend the wrong way by angles α: ``λ_α/2 Σ exp(2 α)``.
+
+    Return the cost (F,), its gradient (F, 63) and its curvature w.r.t. left tangents. ``weight`` is λ_α.
+    """
     xp = array_namespace(local)
     vectors = log_so3(local)
     inverse, count = left_jacobian_inverse_so3(vectors), local.shape[0]
@@ -177,8 +180,9 @@ class PoseSequence:
     def linearise(self, frames: PosedFrames) -> tuple[Array, BlockTridiagonal]:
         """Return the cost (1,) and its Gauss-Newton equations w.r.t. the free tangents.
 
-        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``. These
-        are L_v, L_θ and L_t in Pose-NDF's eqs. 7 and 8, with landmarks instead of the mesh and all frames at once. The
+        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``. y are
+        the landmarks, o the observed ones and s is 1 where observed. f is the distance from the manifold. The terms are
+        L_v, L_θ and L_t in Pose-NDF's eqs. 7 and 8, with landmarks instead of the mesh and all frames at once. The
         prior's residual is the vector to the manifold rather than its length, so that ``e²/2`` has the metric's
         curvature.
         """
@@ -295,7 +299,8 @@ def complete(
 ) -> PosedFrames:
     """Fill in the missing joints of poses close to the manifold.
 
-    The paper's result depends on an initial pose near rest. Here, limbs from sampled poses are tried first.
+    In the paper, the result depends on an initial pose near rest. This function tries several initial limbs from
+    sampled poses, and returns the result with the lowest cost.
 
     Args:
         subject: its landmarks measure smoothness.
@@ -321,7 +326,7 @@ def complete(
 
 
 def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], settings: CompleteSettings) -> Array:
-    """Return initial rotations (starts, n, 3, 3) of missing joints, from samples near the manifold."""
+    """Return the best initial rotations (starts, n, 3, 3) of n missing joints among samples near the manifold."""
     xp = array_namespace(frames.local)
     limbs = constant(prior.sample(settings.candidates, settings.seed)[:, list(missing)], frames.local)
     some = frames.select(slice(0, None, max(1, len(frames.local) // _LOOKED_AT)))
@@ -360,8 +365,9 @@ def denoise(
 ) -> PosedFrames:
     """Denoise poses by minimising ``λ_v L_v + λ_θ L_θ + λ_t L_t`` (eq. 7).
 
-    ``L_v`` and ``L_t`` use the subject's landmarks as skin. ``L_θ`` is ``max(f - level, 0)²``, where f is the prior's
-    distance. ``λ_t`` is proportional to the square of ``fps``, so that a speed costs the same at every frame rate.
+    ``L_v`` and ``L_t`` are computed from the subject's landmarks instead of the mesh. ``L_θ`` is
+    ``max(f - level, 0)²``, where f is the prior's distance. ``λ_t`` is proportional to the square of ``fps``, so that
+    the penalty of a speed does not depend on the frame rate.
 
     Raises:
         PoseInvalid: poses are NaN or not in SO(3).
@@ -386,9 +392,10 @@ def interpolate_poses(
     settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
-    """Interpolate ``count`` plausible poses between each of N pairs, without the ends.
+    """Interpolate ``count`` plausible poses between each of N pairs. Return them (N, count, J, 3, 3) without the ends.
 
-    ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along geodesics. θ' is projected with eq. 6.
+    For frame t of T, ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` along geodesics with ``τ = 1/(T - t + 1)``, where θ' are
+    poses that were projected onto the manifold with eq. 6.
 
     Raises:
         PoseInvalid: poses are NaN or not in SO(3).

@@ -120,7 +120,7 @@ def fitted_motion(
     """Fit poses and one body shape to a capture's keypoints (see ``fit_keypoints``).
 
     Args:
-        capture: calibrated views of one person, one or more.
+        capture: one or more calibrated views of one person.
         motion: initial poses in the same frames.
         noise_px: standard deviation in pixels of a detection with full confidence.
 

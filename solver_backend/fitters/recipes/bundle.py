@@ -180,7 +180,7 @@ class Bundle:
         return self if keys is self.posed.keys else replace(self, posed=replace(self.posed, keys=keys))
 
     def freed(self, free: Collection[str], looseness: float = OFF_MANIFOLD) -> Bundle:
-        """Return the bundle with the given blocks of its keyframes free."""
+        """Return the bundle with only the given state blocks as unknowns, such as codes or residual rotations."""
         layout = state_layout(self.problem.prior).only(free)
         posed = replace(self.posed, residuals=bool(layout.turned))
         return replace(self, free=layout, looseness=looseness, posed=posed)
@@ -226,7 +226,7 @@ def restart_lost_limbs(bundle: Bundle) -> Bundle:
 
 
 def _with_codes(bundle: Bundle) -> BundleModel:
-    """Return the model with free codes. A limb in another position has another code."""
+    """Return the model with free codes, because a limb can only reach another position with another code."""
     free = state_layout(bundle.problem.prior).only([CODE, *(block.name for block in bundle.free.blocks)])
     return replace(bundle.model, free=free)
 
@@ -246,7 +246,7 @@ def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
 
 
 def learn_noise(bundle: Bundle) -> Bundle:
-    """Learn the measurement noise in the way of the point source."""
+    """Learn the measurement noise with the method of the point source."""
     return replace(bundle, data=bundle.problem.measurements.source.learn_noise(bundle))
 
 
@@ -295,8 +295,8 @@ def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
 def hold_skin(bundle: Bundle) -> Bundle:
     """Solve again with the skin outside the floor, objects and other people.
 
-    Skin is fixed where it touches the floor or objects. Surfaces that the measurements contradict are dropped: only the
-    other people if the rest agrees, otherwise the objects, then also the floor.
+    Skin is fixed where it touches the floor or objects. If the measurements contradict the result, the other people are
+    ignored. If this is not enough, the objects are ignored instead, and then also the floor.
     """
     if not holds_skin(bundle.problem, bundle.settings):
         return bundle

@@ -46,7 +46,7 @@ _DIAGONAL = [0, 3, 5]  # Entries xx, yy and zz of ``packed`` matrices.
 
 
 def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
-    """Replace unsure flags due to pins by larger deviations of the joints that they move.
+    """Remove unsure flags that pins cause, and instead increase the deviations of the joints that the pins move.
 
     A pinned pose disagrees with the measurements, so its frame and the neighbouring frames are flagged as unsure.
     """
@@ -139,7 +139,7 @@ def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
 
 
 def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange:
-    """Return the range with the user's contacts from earlier solves, followed by the new ones."""
+    """Return the range with the user's contacts from earlier solves, followed by the contacts of the range itself."""
     kept = list[UserContact]()
     for entry in () if frame_range.forgets else motion.provenance.get("resolved", ()):
         # Each solve recorded all contacts in its frames, including those from earlier solves.

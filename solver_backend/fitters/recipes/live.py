@@ -124,10 +124,11 @@ class PersonFollower:
     def _step(
         self, last: PosedFrames, term: PointTerm, dt: float, count: int, *, still: bool
     ) -> tuple[PosedFrames, np.ndarray]:
-        """Return the pose after some Gauss-Newton steps from the prediction: ``(H + T) δ = -(g + T m)``.
+        """Return the pose after ``count`` Gauss-Newton steps from the prediction: ``(H + T) δ = -(g + T m)``.
 
-        T is the precision of the prediction, and m is the motion since it. Also return the part of the motion that the
-        frame determines, with the share ``H / (H + T)``. Motion that comes only from the prior must not add speed.
+        H and g are the Hessian and gradient of the frame, T is the precision of the prediction, and m the motion since
+        the prediction. Also return the motion since the last frame, multiplied by the measurements' share
+        ``H / (H + T)``. Only this part updates the velocity, because motion from the prior alone must not add speed.
         """
         objective = FrameObjective((term,), (self._prior,))
         rotations = 3 * (1 + last.local.shape[1])

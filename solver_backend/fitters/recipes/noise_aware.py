@@ -64,7 +64,7 @@ class SteadyLandmarks:
 
 @dataclass(frozen=True)
 class LandmarkFit:
-    """Person, prior and measurements in a fit of F poses, with landmarks at their layout's positions."""
+    """Person, prior and measurements for fitting F poses. Landmarks are at the standard positions of their layout."""
 
     subject: Subject
     prior: GaussianVAE
@@ -82,7 +82,7 @@ class LandmarkFit:
         return replace(self, start=self.start.select(frames), points=self.points[frames], seen=self.seen[frames])
 
     def unknowns(self, loss: LandmarkLoss) -> np.ndarray:
-        """Return the initial unknowns (F, 38 + n), where n belong to the loss."""
+        """Return the initial unknowns (F, 38 + n). The last n are unknowns of the loss, such as log-variances."""
         unknowns = np.zeros((len(self.seen), self.layout.dof + loss.unknowns(self.seen.shape[1])))
         unknowns[:, self.layout[CODE]], unknowns[:, self.layout[TRANSL]] = self.start.z, self.start.transl
         return unknowns
