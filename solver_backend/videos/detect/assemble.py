@@ -45,7 +45,7 @@ SHORT_SHARE = 0.5  # Overlap of all videos below which to warn, relative to the 
 
 @dataclass(frozen=True)
 class KnownOfOne:
-    """Known facts for a take with a single camera: the person, the floor and the lens (see ``Capture``)."""
+    """Known facts about the person, the floor and the lens of a single-camera take (see ``Capture``)."""
 
     stature_m: float = 0.0  # Stature of the person in metres, or 0 if unknown.
     floor_from_person: bool = False
@@ -94,7 +94,11 @@ def assembled(
     world: WorldSettings = WorldSettings(),
     one: KnownOfOne = KnownOfOne(),
 ) -> Capture:
-    """Build the capture of a single person: the person in most views, or the most visible one."""
+    """Build the capture of a single person.
+
+    This is the person on whom the calibrated views agree best, or the largest and longest visible person in a single
+    view. In views without a calibration, see ``main_person``.
+    """
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
     made_of: dict[str, Any] = {"footage": footage, "detector": found[0].detector}
@@ -186,7 +190,10 @@ def in_video_pixels(
 
 
 def _stored_size(item: VideoDetections | FilmedSize) -> tuple[int, int]:
-    """Return the stored size of a video. Other programs calibrate cameras with non-square pixels at this size."""
+    """Return the size at which a video is stored, or the displayed size if the video is missing.
+
+    If pixels are not square, other programs calibrate cameras at the stored size.
+    """
     return probe(item.video).stored if item.video.exists() else item.size
 
 
@@ -285,8 +292,8 @@ def camera_turns(
 ) -> CameraTurns | None:
     """Estimate the camera's rotation in each image, or return None if too little background is visible.
 
-    Features are tracked from image to image (Lucas and Kanade 1981) until few remain. The rotation relative to the
-    first image of these features is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d. These rotations are
+    Features are tracked from image to image (Lucas and Kanade 1981). When few remain, new features are detected. The
+    rotation since this detection is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over the features' rays d. These rotations are
     multiplied together. A plain wall with few features can show that a camera is still, but cannot show how it rotates.
     """
     cv2 = opencv()

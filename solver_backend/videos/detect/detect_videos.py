@@ -163,7 +163,7 @@ def detect_videos(
     file name consists of the video name and a hash of the video's bytes and the detector.
 
     Args:
-        jobs: number of simultaneous processes, or 0 for one per core. Fewer videos than cores share the cores.
+        jobs: number of simultaneous processes, or 0 for one per core. If there are fewer, each one uses several cores.
         again: detect the people again, even if detections are stored.
         cameras: camera names. The default is the video names.
         show: called every few seconds with the most recent images.
@@ -198,9 +198,9 @@ def detect_videos(
 
 
 def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> Path:
-    """Return the path of a video's stored detections. It depends on the bytes of video, model and worker.
+    """Return the path of a video's stored detections. The name contains a hash of the video, model and worker.
 
-    ``VERSION`` separates them from detections that earlier program versions computed differently.
+    The hash also depends on ``VERSION``, so that detections of incompatible program versions are not reused.
     """
     options = dict(choice.options)
     if "model" in options:

@@ -141,7 +141,7 @@ def joint_set_of(about: dict[str, Any]) -> JointSet:
 
 
 def included_model(name: str) -> Path | None:
-    """Return the path of a model that the extension includes, or None if it cannot be used."""
+    """Return the path of a model that the extension includes, or None if the model or LiteRT is missing."""
     path = INCLUDED / name
     return path if path.is_file() and find_spec("ai_edge_litert") is not None else None
 
@@ -232,7 +232,7 @@ def _model(path: Path) -> str:
 
 
 def _described(path: Path) -> dict[str, Any]:
-    """Read a model description. Return it with the path of the model and the possible numbers of its points."""
+    """Read a model description. Return it with the model's path and the keypoint counts that its joint set allows."""
     description = read_json_file(path, LARGEST_DESCRIPTION)
     name = description.get("model") if isinstance(description, dict) else None
     if not isinstance(name, str) or not name:
@@ -271,12 +271,12 @@ class DetectorProcess:
     A detector that does not answer in time is restarted once per image.
 
     Args:
-        threads: number of threads that its model uses.
+        threads: number of threads that the detector's model uses.
 
     Raises:
-        DetectorMissing: its Python does not start, or the detector is not installed there.
+        DetectorMissing: the chosen Python does not start, or has no detector installed.
         DetectorOutputsUnknown: the model has an unknown format.
-        DetectorFailed: it crashed, did not answer, or gave unusable answers.
+        DetectorFailed: the detector crashed, did not answer, or gave unusable answers.
     """
 
     def __init__(self, choice: DetectorChoice, threads: int = 1) -> None:

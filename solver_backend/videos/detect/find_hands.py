@@ -160,7 +160,7 @@ class _HandSearch:
         return replace(seen, points=crop.in_picture(seen.points))
 
     def twice(self, crop: SquareCrop) -> np.ndarray | None:
-        """Detect a hand (21, 3) in a second crop around the points from the first crop, or return None."""
+        """Detect a hand (21, 3) in a crop, then in a second crop around its points. Return None if undetected."""
         first = self.once(crop)
         if first.presence < PLACED:
             return None
@@ -168,7 +168,10 @@ class _HandSearch:
         return second.counted() if second.presence >= PRESENCE else None
 
     def at_arm(self, arm: np.ndarray, own: np.ndarray, hand_px: float, before: np.ndarray | None) -> np.ndarray:
-        """Search for a hand (21, 3) at its previous position, then at the wrist of the arm (2, 2) in px."""
+        """Search for a hand (21, 3) at its previous position, then at the end of an arm. Return NaN if it is not found.
+
+        ``arm`` (2, 2) contains the projected elbow and wrist in px, and ``own`` (2, 3) contains the detected ones.
+        """
         there = np.where(own[:, 2:] >= SURE, own[:, :2], arm)
         alike = float(np.linalg.norm(there - arm, axis=-1).max()) < ALIKE * hand_px
         places = [place for place in ([arm] if alike else [arm, there]) if self.shows(place[1])]
@@ -278,7 +281,10 @@ def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Floa
 
 
 def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
-    """Return the distance between a hand and its wrist for each tested shift, or None for too few frames."""
+    """Return the error between a hand (F, 21, 3) and a detected wrist (F, 3) for each tested shift in frames.
+
+    Return None if too few frames show the hand and the wrist.
+    """
     frames = np.flatnonzero(hand[:, 0, 2] > 0)
     frames = frames[(frames >= REACH) & (frames < len(hand) - REACH)]
     if len(frames) < LEAST_FRAMES:
@@ -308,8 +314,8 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     """Detect the hands in a capture's footage, and add them to the keypoints.
 
     Wrists and elbows are triangulated, or lifted if only one view shows the person. They determine the crops in every
-    view. A view in which a hand was not found is searched again where two other views agree on it. Footage that is
-    early or late is shifted in time.
+    view. If two views find a hand, the other views search for it again at its triangulated position. If the footage has
+    a delay, the hands are shifted in time.
     """
     cameras, keypoints = capture.require_views()
     cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not to the world.
@@ -357,8 +363,8 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
     """Return a mask (C, 2) of the hands to search for in each view, or None for all hands.
 
-    ``before`` contains the hands (C, 2, 21, 3) in the previous frame, or is None. A hand that was not detected is only
-    searched every ``every`` frames if ``ENOUGH`` views detected it.
+    ``before`` contains the hands (C, 2, 21, 3) in the previous frame, or is None. If at least ``ENOUGH`` views detected
+    a hand in that frame, each of the other views only searches for it in every ``every``-th frame.
     """
     if before is None or every <= 1:
         return None

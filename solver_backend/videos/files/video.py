@@ -94,7 +94,7 @@ class TimedPictures:
 
 @dataclass(frozen=True)
 class VideoInfo(TimedPictures):
-    """Properties of a video, of a recording in chapters, or of an image folder, each with F images."""
+    """Properties of a source with F images: a video, a recording in chapters, or an image folder."""
 
     path: Path  # The file, the first of several chapters, or the folder of images.
     size: tuple[int, int]  # Width and height in pixels after rotation, as displayed.
@@ -169,7 +169,7 @@ def _probe_file(path: Path) -> VideoInfo:
 
 
 def rate_of(times_s: np.ndarray) -> float:
-    """Return the mean frame rate in 1/s of increasing times, without gaps. It is 0 for fewer than two times."""
+    """Return the mean frame rate in 1/s of increasing times. Gaps are ignored. It is 0 for fewer than two times."""
     if len(times_s) < 2:
         return 0.0
     gaps = np.diff(times_s)

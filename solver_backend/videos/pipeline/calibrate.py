@@ -65,7 +65,8 @@ class KnownOfCameras:
 def calibration_source(found: FoundFolder, known: KnownOfCameras) -> str:
     """Choose how uncalibrated cameras will be calibrated: by "board", "lenses" or "person".
 
-    The first two detect boards in footage, for which they need OpenCV. "lenses" only uses the board for the lenses.
+    "board" estimates lenses and poses from board footage. "lenses" estimates only the lenses from board footage, and
+    the poses from the person. Both need OpenCV.
     """
     kinds = {footage.kind for footage in found.footage}
     if kinds.intersection(_PLACES) and known.source != "person":
@@ -79,9 +80,9 @@ def calibrate_take(
 ) -> tuple[str, tuple[Diagnostic, ...]]:
     """Calibrate a take's cameras and write the calibration. Return the method and the diagnostics.
 
-    The method is board, person or ``ONE_CAMERA``. Board footage from several cameras determines everything. If only
-    lens parameters are known or can be found from footage, the person determines the poses. Otherwise, lens parameters
-    are first guessed from the image size, then refined together with the poses.
+    The method is board, person or ``ONE_CAMERA``. If several cameras filmed a board, it determines lenses and poses.
+    Otherwise, the person determines the poses. If no lens is known or can be calibrated from board footage, focal
+    lengths are guessed from the image size, and then refined together with the poses.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, _PLACES)
     names = request.take.cameras

@@ -119,7 +119,7 @@ _BEGUN = ""  # Stored instead of a hash while an output is unfinished.
 
 
 class Records:
-    """Input hashes of a take's results, stored next to them. A result with equal inputs is reused."""
+    """Hashes of the inputs of a take's results, stored next to the results. Results with the same inputs are reused."""
 
     def __init__(self, folder: Path) -> None:
         self._path, kept = folder / NAME, None

@@ -58,7 +58,7 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
-    """Return the hand detector's entry in the recorded inputs of a capture, or [] without a detector."""
+    """Return the entry for the hand detector in a capture's list of inputs, or [] without a hand detector."""
     model = None if detector is None else Path(str(detector.options["model"]))
     return [] if model is None else [f"hands by {model.name}, {model.stat().st_size} bytes"]
 
@@ -165,7 +165,7 @@ class _TakeRun:
         return [diagnostic("cameras_fit_take", size=check.all_px, best=check.refined_px), *check.diagnostics]
 
     def _of_one(self) -> KnownOfOne:
-        """Return the known facts for a take with a single video. For several videos, they are empty."""
+        """Return the known facts about the person, floor and lens of a single-video take. Return no facts otherwise."""
         plan, cameras = self._plan, self._settings.cameras
         if len(plan.take.videos) > 1:
             return KnownOfOne()
@@ -191,7 +191,7 @@ class _TakeRun:
         return motion
 
     def _kept_calibration(self) -> Calibration | None:
-        """Return the user's or an earlier calibration, or None if the cameras must be calibrated."""
+        """Return a calibration from the user or from an earlier run, or None if the cameras must be calibrated."""
         plan, source, made = self._plan, self._settings.cameras.source, self._plan.output("calibrate")
         if source == "auto" and plan.calibration is not None:
             return plan.calibration

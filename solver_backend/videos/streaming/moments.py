@@ -287,7 +287,7 @@ _LOOK_S = 0.05  # Longest uninterrupted wait in seconds.
 
 @dataclass
 class MomentCounts:
-    """Numbers of processed and skipped moments and views."""
+    """Numbers of processed and skipped moments and views. A moment is a set of simultaneous images."""
 
     moments: int = 0
     dropped: int = 0  # Number of filmed moments that were not processed.

@@ -30,7 +30,8 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
     """Recording of live cameras. It becomes the capture ``TAKE.npz`` and the motion ``TAKE_live.npz``.
 
     The capture contains the keypoints at a constant rate. The motion contains the live poses in the same frames, and a
-    solve can start from them. Every row includes the current camera poses, because the world may be determined late.
+    solve can start from them. Every row contains the camera poses. The poses in the last row are used, because the
+    world may only be determined during the recording.
     """
 
     pieces: ClassVar[str] = "moments"

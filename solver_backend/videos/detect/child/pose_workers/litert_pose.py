@@ -141,8 +141,8 @@ _SAME = 0.2  # Largest mean distance between two detections of the same person's
 class LiteRtPose:
     """Detects people and their keypoints (Bazarevsky et al. 2020, BlazePose).
 
-    The person detector processes the whole image when a person is missing. The landmark model processes the square
-    around one person. Two of its points determine the square in the next image.
+    The person detector searches the whole image until all requested people are found. The landmark model processes a
+    square around each person. Two landmarks of a person determine this person's square in the next image.
     """
 
     def __init__(self, options: dict[str, Any]) -> None:
@@ -175,7 +175,7 @@ class LiteRtPose:
         return {"keypoints": np.stack(people) if people else np.zeros((0, NUM_POINTS, 3))}
 
     def _look(self, rgb: np.ndarray, square: SquareCrop, people: list[np.ndarray]) -> None:
-        """Add the person in a square to ``people`` if new, and store the square for the next image."""
+        """Detect the person in a square. Add a new person to ``people``, and store the square for the next image."""
         points, presence, _, heat, *_ = self._landmarks.run(square.cut(rgb, SIDE, None) / np.float32(255.0))
         if float(presence[0]) < _PRESENT:
             return

@@ -16,9 +16,9 @@ PADDING = 114.0  # Grey value used outside the image, 0 to 255.
 
 
 def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Resample the box from ``low`` to ``high`` to an (h, w, 3) float32 image, black outside the image.
+    """Resample the box from corner ``low`` to corner ``high`` to an (h, w, 3) float32 image, black outside the image.
 
-    Column j is ``x = low + (high - low) j / w``, because models are trained with a box corner at the first pixel.
+    Column j shows ``x = low + (high - low) j / w``, because models are trained with a box corner at the first pixel.
     """
     width, height = size
     x = low[0] + (high[0] - low[0]) * np.arange(width) / width
@@ -105,7 +105,7 @@ class TopDown(_PoseModel):
         raise NotImplementedError
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Detect people in the boxes from the previous image, or in the whole image if there are none."""
+        """Detect people in the boxes from the previous image. If they contain no person, search the whole image."""
         sure = self._sure(rgb, self.boxes)
         if not sure:  # first the whole image, then the box of the person found in it
             first = self._sure(rgb, [np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])])
@@ -197,7 +197,7 @@ class _Rtmo(_PoseModel):
 class _YoloPose(_PoseModel):
     """One-stage model that outputs N candidates as (1, 5 + 3 K, N): box centre and size, score, K keypoints.
 
-    Models that include suppression output (1, N, 6 + 3 K) with box corners, score and class.
+    Models that include non-maximum suppression output (1, N, 6 + 3 K) with box corners, score and class.
 
     Reference: Maji et al. 2022, Ultralytics (output layout).
     """
