@@ -152,7 +152,7 @@ def _events_of_foot(
 
 
 def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
-    """Find the fractional frame after ``first`` at which the heel stops falling. Return a list of at most one."""
+    """Find the fractional frame after ``first`` at which the heel stops falling. Return it in a list, or []."""
     part = fall[first : first + int(LANDING_S * fps) + 1]
     landed = np.flatnonzero((part[:-1] < -LANDING_M_S) & (part[1:] >= -LANDING_M_S))
     return [first + int(k) + float((-LANDING_M_S - part[k]) / (part[k + 1] - part[k])) for k in landed[:1]]

@@ -126,12 +126,12 @@ def anatomical_frames(
 ) -> dict[str, Float[np.ndarray, "3 3"]]:
     """Return each segment's anatomical axes at rest as columns: x forward, y up, z right.
 
-    - Pelvis: z through the anterior iliac spines, x in the plane with the midpoint of the posterior spines (Wu et al.
-      2002, hip).
+    - Pelvis: z through the anterior iliac spines, x in the plane of these spines and the midpoint of the posterior
+      spines (Wu et al. 2002, hip).
     - Thorax: y from the midpoint of xiphoid process and T8 to the midpoint of jugular notch and C7 (Wu et al. 2005,
       2.3.1).
-    - Thigh, shank, upper arm, forearm: y along the line of joint centres, z along the hinge below. The z axes of
-      forearm and hand point to the right at full supination (Wu et al. 2002, hip and ankle, and 2005, 2.3.4 and 2.3.6).
+    - Thigh, shank, upper arm, forearm: y along the line of joint centres, z along the lower end's hinge. The z axes
+      of forearm and hand point to the right at full supination (Wu et al. 2002, hip and ankle, and 2005, 2.3.4, 2.3.6).
     - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, ankle).
 
     The standards define these axes by palpated landmarks. If the person wears markers on these landmarks, the marker
@@ -328,7 +328,7 @@ def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
 
 
 def _quarter_turn(forward: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) multiple of a 90-degree rotation about the vertical that best aligns a direction (2,) with x.
+    """Return the rotation (3, 3) about the vertical that best aligns ``forward`` (2,) with x, in steps of 90 degrees.
 
     OpenSim's inverse kinematics starts facing x, and finds wrong minima for people who face another way.
     """

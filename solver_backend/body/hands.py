@@ -55,7 +55,7 @@ def with_fingers(body: Body) -> Body:
 
 
 def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
-    """Return (30, 3, 3) finger rotations from rest to a flat hand, AMASS's zero pose."""
+    """Return (30, 3, 3) finger rotations from rest to a flat hand, which is the zero pose of AMASS."""
     own = body.id == str(_hands_file()["body_id"])
     return _hands_file()["flat"].astype(np.float64) if own else np.tile(np.eye(3), (_NUM_FINGERS, 1, 1))
 

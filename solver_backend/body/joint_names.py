@@ -57,7 +57,7 @@ _OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}  # Joi
 def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
     """Map labels of a skeleton's joint centres to locations, or to "" if a label is not used.
 
-    A location is ``=`` and a body joint, or ``~`` and a detector keypoint. The result is empty if fewer than
+    A location is a joint such as ``=left_knee`` or a keypoint such as ``~left_knee``. The result is empty if fewer than
     ``LEAST_SHARE`` of the labels are words from one vocabulary, or if no limb exists on both sides.
     """
     bare = tuple(map(bare_label, labels))

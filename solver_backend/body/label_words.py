@@ -241,7 +241,7 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
 
 
 def spelt(label: str) -> str:
-    """Remove accents, and write vertebrae like ``C7``. Return "" if the label is too long."""
+    """Remove accents from a label, and write its vertebrae in the form ``C7``. Return "" if the label is too long."""
     if len(label) > LONGEST_LABEL:
         return ""
     decomposed = unicodedata.normalize("NFKD", label.translate(_SPELT))

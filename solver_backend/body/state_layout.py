@@ -108,7 +108,7 @@ class StateLayout:
 
     @cached_property
     def turned(self) -> tuple[int, ...]:
-        """Pose columns of the joints with rotation vectors, in the order of the blocks."""
+        """Pose columns of the joints that the state stores as rotation vectors, in the order of the blocks."""
         return tuple(joint for block in self.blocks for joint in block.joints)
 
     @property

@@ -79,7 +79,7 @@ def _second_order_section(w: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarray:
-    """Run a second-order filter section over a signal (F, ...), as if the first sample had been constant before."""
+    """Run a second-order filter section over a signal (F, ...), which is extended by its first sample at the start."""
     b, a = section
     out = np.empty_like(signal)
     x1 = x2 = y1 = y2 = signal[0]

@@ -20,7 +20,7 @@ def is_torch(value: Any) -> bool:
 
 
 def array_namespace(*values: Any) -> Any:
-    """Return the namespace for arrays: torch's if one is a tensor, otherwise NumPy's.
+    """Return the array namespace of torch if a value is a tensor, otherwise of NumPy.
 
     Raises:
         BackendMissing: a value is a tensor, and array-api-compat is not installed.
@@ -182,7 +182,7 @@ class Rows:
 
     @property
     def arrays(self) -> tuple[Array | None, ...]:
-        """The arrays or None, in the order of the fields."""
+        """The value of each field, an array or None, in the order of the fields."""
         return tuple(getattr(self, field.name) for field in fields(self))
 
     def _replaced_by(self: R, values: Iterable[Array | None]) -> R:

@@ -38,7 +38,7 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
 def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
     """Return the geodesic weight ``sin(tψ)/sinψ`` and its derivative w.r.t. ``cosψ``.
 
-    ψ is the angle between the two ends, given by ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``. Near ``ψ = 0``, the
+    ψ is the angle between the geodesic's ends, given by ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``. Near ``ψ = 0``, the
     hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` avoids a small denominator. All arrays are (...), and t is any
     real number. Antipodal ends (``z = 0``) get large but finite weights.
 
@@ -259,7 +259,7 @@ def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
 
 
 def _product_by_keys(q: KeyWeights, r: KeyWeights, gram: Array) -> Array:
-    """Return the derivative of ``q·r`` via q as (..., n, n) coefficients of the keys. Row j gives ``rᵀ dq/dp_j``."""
+    """Return derivatives of ``q·r`` by the keys of q as (..., n, n) coefficients. Row j gives ``rᵀ dq/dp_j``."""
     xp = array_namespace(gram)
     against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
     return q.weights[..., :, None] * r.weights[..., None, :] + sum_of_rows(against * q.mixing)

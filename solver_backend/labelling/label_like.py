@@ -249,7 +249,8 @@ def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
 def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
     """Return the mean cost (L,) of each label for a tracklet, given its distances to labelled points.
 
-    The tracklet has points (S, 3). The labelled points are (S, L, 3), without the tracklet's own label (-1 if none).
+    ``points`` (S, 3) are the tracklet's, and ``named`` (S, L, 3) are the labelled points. The point with the tracklet's
+    own label ``own`` (-1 if none) is ignored.
     """
     distance = np.linalg.norm(named - points[:, None], axis=-1)
     if own >= 0:

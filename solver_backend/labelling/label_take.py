@@ -193,7 +193,7 @@ class FittedBody(Protocol):
 
 
 class BodyFit(Protocol):
-    """Fit of a body, frame by frame. Implementations may import this module."""
+    """Interface for fitting a body to the markers frame by frame."""
 
     def restart(self) -> None:
         """Forget the pose of the previous frame."""

@@ -129,7 +129,7 @@ class PointNetwork:
 
 
 def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the (B, 1, 3) lower medians of the points with ``seen``, or 0 without points."""
+    """Return the (B, 1, 3) lower medians of the points in the mask ``seen``, or 0 for clouds without points."""
     ordered = np.sort(np.where(seen[..., None], points, np.inf), axis=1)
     middle = np.maximum((seen.sum(1) - 1) // 2, 0)
     found = ordered[np.arange(len(points)), middle]

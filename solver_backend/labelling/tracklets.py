@@ -152,9 +152,9 @@ def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
 def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[int, int] | None = None) -> np.ndarray:
     """Assign the labels (T,) with most evidence to tracklets. Simultaneous tracklets never share a marker.
 
-    The most certain tracklet chooses first, by the margin between its best and its next free label. Pairs then swap
-    their labels as long as the sum grows. Evidence is (T, 54) log likelihoods, ghost last. ``together`` (T, T) marks
-    pairs that are visible together, and ``bound`` contains the user's labels by tracklet.
+    The tracklet with the largest margin between its best and its second-best free label chooses first. Pairs then swap
+    their labels as long as the total evidence grows. ``evidence`` (T, 54) are log likelihoods, ghost last. ``together``
+    (T, T) marks pairs that are visible at the same time, and ``bound`` contains the user's labels by tracklet.
     """
     count = len(evidence)
     labels = np.full(count, -1)

@@ -78,7 +78,7 @@ def measured(points: np.ndarray) -> np.ndarray:
 
 
 def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
-    """Read one frame per line, which contains JSON, or numbers: the time, then x y z of each point.
+    """Read one frame per line. A line is a JSON object, or numbers: the time, then x y z of each point.
 
     Any other line, such as text that is not UTF-8, gives a frame with a fault. Empty lines and events are skipped.
     """
@@ -125,7 +125,7 @@ _LOOK_S = 0.2  # Longest uninterrupted wait in seconds. It ensures that signals 
 
 
 class KeepUp:
-    """Filter that drops late frames until the stream is in time again."""
+    """Filter that drops late frames until the stream has caught up."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -146,7 +146,7 @@ def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
     """Read a stream in a thread, as its frames arrive, and yield them in order.
 
     A frame is due when it arrives or when the sender's clock reaches its time, whichever is later. The lines of a file
-    therefore arrive early, and are only late relative to their own clock.
+    all arrive early, so they are late only if they are output after their own time.
     """
     waiting: Queue[PointFrame | BaseException | None] = Queue(_MOST_WAITING)
     gone = Event()

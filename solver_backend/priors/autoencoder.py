@@ -83,7 +83,7 @@ class DenseStack:
         return x, jacobian
 
     def with_vjp(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
-        """Return the output (N, out), and a function that converts derivatives w.r.t. the output to the input.
+        """Return the output (N, out), and a function that propagates derivatives from the output back to the input.
 
         Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one call costs as much as the forward pass.
         """
@@ -125,7 +125,7 @@ def decoded_rotations(decoder: DenseStack, z: Codes) -> Poses:
 
 
 def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-    """Decode codes (N, d). Also return a function that converts derivatives w.r.t. left tangents to codes."""
+    """Decode codes (N, d), and return a function that propagates derivatives from left tangents back to codes."""
     xp = array_namespace(z)
     flat, flat_vjp = decoder.with_vjp(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))

@@ -204,7 +204,7 @@ def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) ->
 
 
 def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the lower sole (n, 3) of each frame with a visible foot, in metres. ``up`` (3,) defines the height."""
+    """Return the lower sole's position (n, 3) in the n frames with a visible foot. ``up`` (3,) points upwards."""
     frames, column = _lower(points, names, seen, up)
     drop = np.array([_FEET.get(name, 0.0) for name in names])
     return points[frames, column] - drop[column, None] * up

@@ -57,7 +57,7 @@ def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarra
 
 @lru_cache(maxsize=8)
 def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
-    """Load the mixture's marginal over the pose's joints, widened by ``WIDENING_RAD``."""
+    """Load the mixture, restricted to the given joints (marginals) and widened by ``WIDENING_RAD``."""
     weights, means, factors, _ = read_mixture()
     shared = [name for name in joints if name in BODY_JOINTS]
     theirs, own = (
@@ -82,8 +82,8 @@ def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
 class PoseMixtureTerm:
     """Term that draws poses to a Gaussian mixture of recorded poses.
 
-    ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q``, with x the rotation vectors of J joints, and x_c of n
-    joints.
+    ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q``. x are the rotation vectors of the pose's J joints, and x_c
+    those of the n joints in the mixture.
     """
 
     mixture: PoseMixture = field(default_factory=load_pose_mixture)  # Peaks a, means μ, precisions P and columns c.

@@ -17,7 +17,10 @@ from solver_backend.types import Cameras, Keypoints2D
 
 @dataclass(frozen=True)
 class ReprojectionTerm:
-    """Term ``1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` of reprojection errors (Albanis 2026, eq. 6.8)."""
+    """Term ``1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` of reprojection errors (Albanis 2026, eq. 6.8).
+
+    pi projects a landmark y into a camera. k is the detected keypoint, c its confidence and sigma its deviation in px.
+    """
 
     cameras: CameraArrays
     xy: Array  # (C, F, L, 2) px, finite, arbitrary where the weight is 0.

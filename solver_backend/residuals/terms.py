@@ -39,7 +39,7 @@ class PointEvidence:
         )
 
     def beside(self, other: PointEvidence) -> PointEvidence:
-        """Append the evidence of other landmarks, which must have no shared rows."""
+        """Append the evidence of other landmarks, which must not have ``shared`` errors."""
         xp = array_namespace(self.cost)
         gradient = xp.concat([self.gradient, other.gradient], axis=1)
         information = xp.concat([self.information, other.information], axis=1)
@@ -109,7 +109,7 @@ class PoseTerm(FrameTerm, Protocol):
         ...
 
     def hessian(self, factors: Array) -> Array:
-        """Return positive semidefinite Hessians (F, 3 J, 3 J) in 1/rad², from ``factors``."""
+        """Return positive semidefinite Hessians (F, 3 J, 3 J) in 1/rad² from the ``factors`` in ``PoseEvidence``."""
         ...
 
 

@@ -403,7 +403,7 @@ def capture_of(
 
 
 def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
-    """Merge equal findings to diagnostics that state their first time and their number."""
+    """Merge equal findings into one diagnostic, with the time of the first finding and the number of findings."""
     alike: dict[str, list[Finding]] = {}
     for finding in findings:
         alike.setdefault(finding.message, []).append(finding)

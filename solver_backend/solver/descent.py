@@ -84,7 +84,7 @@ def gradient_descent(
 def retracted_line(
     manifold: Manifold, objective: Objective, x: State, direction: State
 ) -> Callable[[float], StepTrial[tuple[State, State]]]:
-    """Return the cost along a retracted line as a function of the step, with its slope."""
+    """Return a function that maps a step along ``direction`` to the state on the manifold, its cost and the slope."""
 
     def at(step: float) -> StepTrial[tuple[State, State]]:
         moved = manifold.combine(step, direction, 0.0, direction)

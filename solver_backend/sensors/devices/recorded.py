@@ -89,7 +89,7 @@ class RecordingAbout:
 
 
 def read_about(folder: Path) -> RecordingAbout:
-    """Read a recording's description. Raise ``RecordingInvalid`` if it is damaged or newer."""
+    """Read a recording's description. Raise ``RecordingInvalid`` if it is damaged or from a newer version."""
     path = folder / ABOUT
     values = read_json(path)
     try:

@@ -209,7 +209,7 @@ class _Clusters:
         self.rays = np.concatenate([self.rays, np.zeros(int(own.sum()), int)])
 
     def join_rays(self, seen: SensorSightings, rows: np.ndarray) -> np.ndarray:
-        """Add a sensor's rays to the groups that they pass, and return a mask of the remaining rays."""
+        """Add a sensor's rays to the groups that they pass closely. Return a mask of the remaining rays."""
         origin, direction, sigma = seen.origin, seen.direction[rows], seen.sigma_ray[rows]
         rest = np.ones(len(direction), dtype=bool)
         if not len(self.vector) or not len(direction):

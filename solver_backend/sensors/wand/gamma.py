@@ -117,7 +117,7 @@ def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F,) mask of clouds with a Γ, and its (F, 3, 3) corner, long end and short end."""
+    """Return the (F,) mask of clouds with a Γ, and the (F, 3, 3) corner, long end and short end of the Γ."""
     F, N, _ = clouds.shape
     found, triples = np.zeros(F, bool), np.full((F, 3, 3), np.nan)
     if N < 3:

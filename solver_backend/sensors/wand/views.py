@@ -317,7 +317,7 @@ class Coverage:
         return f"Wave in the {place} of {self.names[c]}'s view, of which {1 - self.shares[c]:.0%} is not covered."
 
     def lines(self) -> list[str]:
-        """Return one line per sensor that shows its image cells: ``#`` covered, ``+`` seen, ``.`` not seen."""
+        """Return a map of image cells per sensor: ``#`` covered, ``+`` too few sightings, ``.`` no sighting."""
         rows = []
         for name, grid, share in zip(self.names, self.pictures, self.shares, strict=True):
             marks = ["".join("#" if n >= LEAST_IN_CELL else "+" if n else "." for n in row) for row in grid]
@@ -396,7 +396,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
     Raises:
         FileMissing: there is no table.
         CalibrationMissing: the lens of a sensor is missing.
-        FileDamaged: a row has neither format, or the formats of the tables differ.
+        FileDamaged: a row has neither of the two formats, or the formats of the tables differ.
     """
     files = points_files(folder)
     if not files:
