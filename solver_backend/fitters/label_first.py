@@ -101,7 +101,7 @@ def labelled_capture(
     """Label a capture's points with the network, unless it has enough names.
 
     Args:
-        user_labels: labels assigned by the user, by column and frame. They apply to the whole segment.
+        user_labels: labels assigned by the user, by column and frame. Each applies to the whole segment of its point.
         network: the labelling network, by default the built-in one.
         always: label the capture even if it has names, which do not change (see ``named_points``).
 

@@ -71,7 +71,7 @@ class _View:
 
 @dataclass(frozen=True)
 class _Match:
-    """Person of a network result and frame alignment that fit the take."""
+    """Person in a network result, and the frame alignment that best fits the take."""
 
     person: NetworkResult
     points: np.ndarray  # (F, L, 3) in the camera's axes, NaN where the result has none.

@@ -288,7 +288,7 @@ RANGE = (0.2, 5.0)  # Limits of a keypoint's variance in one view relative to th
 
 
 def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
-    """Return the data term, with learned noise of each point and view if the settings ask for it."""
+    """Return the data term, with noise learned for each point and view if the settings ask for it."""
     data = problem.measurements.term
     if not settings.learn_noise:
         return data

@@ -196,7 +196,7 @@ def prepare(
     start: Motion | None = None,
     results: Sequence[StartingResult] = (),
 ) -> Problem:
-    """Prepare the problem of solving a capture from its views, or else from its markers."""
+    """Prepare the problem of solving a capture from its keypoints, or from its markers if it has no keypoints."""
     markers = capture.markers if capture.keypoints is None else None
     if markers is None:
         capture.require_views()

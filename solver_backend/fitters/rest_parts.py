@@ -208,7 +208,7 @@ def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Map
 
 
 def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tuple[str, float]:
-    """Return text that lists unmeasured joints not at rest, and their largest deviation in m."""
+    """Return a list, as text, of the unmeasured joints that are not at rest, and their largest deviation in m."""
     kept = {name: sigma for name, sigma in assumed.items() if name not in at_rest}
     words = list(dict.fromkeys(word for name in kept if (word := _WORDS.get(name.split("_")[-1].rstrip("123")))))
     return joined_words(words), max(kept.values(), default=0)

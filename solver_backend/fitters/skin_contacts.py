@@ -213,7 +213,7 @@ def find_touching_people(
 ) -> SkinContacts | None:
     """Find skin near or in other people. Return None if no point is deeper in them than ``DEEP_M``.
 
-    Nothing is fixed, because people move. Frames outside the (F,) mask ``seen`` have no contacts.
+    The skin is not fixed to other people, because they move. Frames outside the (F,) mask ``seen`` have no contacts.
     """
     vertices, count = spread_vertices(subject.body), frames.transl.shape[0]
     sampled, known = np.arange(0, count, max(1, round(SAMPLE_S * fps))), np.flatnonzero(seen)
@@ -262,7 +262,7 @@ def _off_floor(lowest: np.ndarray, fps: float, world: Obstacles) -> np.ndarray:
 
 
 def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> np.ndarray:
-    """Hold the lowest skin in contacts that the user added, and release skin in removed contacts."""
+    """Fix the lowest skin in contacts that the user added, and release the skin in contacts that the user removed."""
     added = np.zeros(held.shape, bool)
     for contact in told:
         part = np.ix_(range(contact.first, contact.last + 1), parts == list(CONTACT_PARTS).index(contact.part))

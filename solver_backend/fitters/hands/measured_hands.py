@@ -57,7 +57,7 @@ class HandViewTerm:
         return replace(self, points=self.points.astype(precision))
 
     def rescaled(self, variance: np.ndarray) -> HandViewTerm:
-        """Scale the noise variance of the points by a factor that broadcasts with (C, F, L)."""
+        """Return the term with the points' noise variances multiplied by a factor that broadcasts to (C, F, L)."""
         return replace(self, points=self.points.rescaled(variance))
 
     def leverage(self, points: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -241,7 +241,7 @@ LEAST_FRAMES = 3  # Shorter frame ranges are corrected without a diagnostic.
 
 @dataclass(frozen=True)
 class SortedHands:
-    """Hand detections by wrist, and diagnostics about swapped and excluded hands."""
+    """Hand detections assigned to wrists, and diagnostics about swapped and excluded hands."""
 
     views: HandViews
     diagnostics: tuple[Diagnostic, ...]
@@ -312,7 +312,7 @@ NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitte
 
 @dataclass(frozen=True)
 class HandSize:
-    """Hand size relative to the body's shape, and its deviation (1 and inf if unknown)."""
+    """Hand size relative to the body's shape, and its standard deviation. They are 1 and inf if unknown."""
 
     scale: float
     sigma: float
@@ -345,7 +345,7 @@ def hand_size(
 
 
 def likely_size(hands: Iterable[HandSize]) -> float:
-    """Return the most likely hand size: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``, with ``USUAL`` as σ₀."""
+    """Return the most likely size ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)`` of hands. σ₀ is ``USUAL``."""
     known = [(1.0, USUAL**-2), *((hand.scale, hand.sigma**-2) for hand in hands)]
     return float(sum(scale * weight for scale, weight in known) / sum(weight for _, weight in known))
 

@@ -46,7 +46,7 @@ FLOOR = 1e-3  # Smallest precision of every unknown.
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
-    """Interpolate states in N windows by parabolas through each window's three keyframes."""
+    """Interpolate states in all frames of N windows, on the parabola through the three keyframes of each window."""
     triples = np.stack([keys[i : len(keys) - 2 + i : 2] for i in range(3)], axis=1)
     return (lagrange(rows.time) @ triples).reshape(-1, keys.shape[1])
 

@@ -419,7 +419,7 @@ def statistics(hands: SolvedHands) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class HandRange:
-    """Solution of one hand in a frame range, with one window on either side."""
+    """Solution of one hand in a frame range, including one window before the range and one after it."""
 
     frames: Int[np.ndarray, " n"]
     hand: SolvedHand  # Solution in these n frames.

@@ -50,7 +50,7 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, pro
 def keys_of_frames(
     problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes | None = None
 ) -> Callable[[slice], Keyframes]:
-    """Return a function that estimates the keyframes of a window range, or takes them from ``start``."""
+    """Return a function that estimates a window range's keyframes, or selects them from ``start`` if given."""
     if problem.measurements.rough is None and start is not None:
         return lambda windows: start.select(slice(2 * windows.start, 2 * windows.stop + 1))
     by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))

@@ -184,7 +184,7 @@ class Stretch:
         return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
 
     def alone(self) -> Stretch:
-        """Reduce the problem to its own frames' measurements, to send it to another process."""
+        """Remove measurements outside the range's frames from the problem, so that another process can solve it."""
         frames = self.layout.frames
         objective = replace(self.model.objective, frames=self.model.objective.frames.select(index(frames, self.keys.z)))
         bounds = self.layout.bounds - self.layout.bounds[0]

@@ -110,8 +110,8 @@ SHARE = 0.75  # Largest median ratio between the errors of the mirrored and the 
 def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
     """Check that the trunk's markers are not mirrored.
 
-    The markers in each frame are aligned with the rest pose by a rotation, and by a rotation with a reflection (Kabsch
-    1976, with and without the sign of the determinant). ``points`` are (F, L, 3) in metres, NaN where missing.
+    The markers in each frame are aligned with the rest pose twice (Kabsch 1976): by a rotation, and by a rotation with
+    a reflection. ``points`` are (F, L, 3) in metres, NaN where missing.
 
     Raises:
         MarkersMirrored: the reflection fits much better.
@@ -133,7 +133,7 @@ def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
 
 
 def mirror_image(what: str) -> MarkersMirrored:
-    """Return the error for mirrored markers."""
+    """Return the error for mirrored markers. ``what`` names the markers in its message."""
     return MarkersMirrored(
         f"The {what} are mirrored. Left and right labels are swapped, or an axis is reversed.",
         where="markers",

@@ -179,8 +179,8 @@ class Interpolant(Protocol):
 def lagrange(time: Array, num_keys: int = 3) -> Array:
     """Return the weights (..., k) of k equally spaced keyframes in the polynomial through them.
 
-    With three keyframes, the cubic in thesis eq. 6.10 is underdetermined. The parabola is its solution of least
-    curvature.
+    With three keyframes, the cubic in thesis eq. 6.10 is underdetermined. The parabola is used, because it has the
+    least curvature.
     """
     xp = array_namespace(time)
     if num_keys == 2:

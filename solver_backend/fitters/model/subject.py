@@ -279,7 +279,7 @@ class FrameObjective:
         return FrameObjective(points, poses, relative, skin)
 
     def of_points(self, points: Array, scale: float) -> PointEvidence:
-        """Add the evidence of all point terms at (F, L, 3) positions in metres."""
+        """Return the summed evidence of all point terms at (F, L, 3) positions in metres."""
         return reduce(add, [term(points, scale) for term in self.points])
 
 

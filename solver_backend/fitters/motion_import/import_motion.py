@@ -41,7 +41,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
     """Measure the positions and rotations of our body's joints on another skeleton.
 
     Let G be a joint's rotation relative to the skeleton's rest pose, and A the rotation from its bone at rest to our
-    body's bone. R_s and R_b map the rest axes of skeleton and body to the stage. The body's rotation is
+    body's bone. R_s and R_b map the rest axes of skeleton and body to common axes. The body's rotation is
     ``G R_s^T A^T R_b``, so that its bones point in the same directions.
 
     Args:
@@ -66,7 +66,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
 
 
 def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dict[str, np.ndarray]:
-    """Return each role's rotation from the skeleton's bone to ours, at rest in stage axes."""
+    """Return each role's rotation from the skeleton's bone at rest to our body's bone at rest, in common axes."""
     aligned: dict[str, np.ndarray] = {}
     for limb, roles in LIMBS.items():
         if not set(roles[:2]) <= index.keys():
@@ -197,9 +197,9 @@ def _residuals(
 def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return deviations (F, 24) of fitted joints in metres, as root mean square over axes.
 
-    ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3``, with the normal equations H of the fit and the derivatives J of a
-    joint. The first term is the uncertainty of the fit, and the second the distance from the skeleton's joint.
-    ``joints`` and ``places`` are (F, 24, 3) in metres.
+    ``σ² = tr(J H⁻¹ J^T) / 3 + |p - q|² / 3``. The first term is the uncertainty of the fit, where H is the matrix of
+    its normal equations and J a joint's derivative. The second is the distance of the joint p from the skeleton's joint
+    q. ``joints`` and ``places`` are (F, 24, 3) in metres.
     """
     known, prior = _known(places), _prior()
     off = (joints - places)[:, known]
@@ -349,7 +349,8 @@ _NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing foot's ball abov
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
     """Return the height of the lowest soles in metres.
 
-    A sole is as far below the ankle and the ball of the foot as at rest. ``joints`` are (F, 24, 3) positions in metres.
+    Soles are assumed to be as far below the ankles and balls of the feet as at rest. ``joints`` (F, 24, 3) are in
+    metres.
     """
     above = _rest_heights(body, betas)
     lowest = np.min([joints[:, joint, 2] - above[joint] for foot in _FEET for joint in foot], axis=0)

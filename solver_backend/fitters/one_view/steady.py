@@ -56,7 +56,7 @@ def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames
 
 
 def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarray, fps: float) -> np.ndarray:
-    """Return the rotation vectors (F, J, 3) that align bones u with smoothed ones u': ``(Σ 1 - u uᵀ)⁺ Σ u × u'``."""
+    """Return the rotation vectors (F, J, 3) from bones u to smoothed bones u': ``(Σ 1 - u uᵀ)⁺ Σ u × u'``."""
     children = np.arange(1, len(parents))
     bones = rest[children] - rest[parents[children]]
     u = np.einsum("fjab,jb->fja", G[:, parents[children]], bones / np.linalg.norm(bones, axis=1, keepdims=True))
@@ -171,7 +171,7 @@ def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
 
 
 def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the last standing frame up to each frame (or -1), and the next one (or F)."""
+    """Return for each frame the last standing frame up to it, or -1, and the next standing frame, or F."""
     number = np.arange(len(stands))
     after = np.minimum.accumulate(np.where(stands, number, len(stands))[::-1])[::-1]
     return np.maximum.accumulate(np.where(stands, number, -1)), after
@@ -231,7 +231,7 @@ _CLEAR = 0.05  # Sine of the bend at which the knee's axis and the normal of the
 
 
 def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
-    """Return the joints between the root and a joint, from the root outwards, without these two."""
+    """Return the joints between the root and a joint, without these two, ordered from the root outwards."""
     path = list[int]()
     while parents[joint] > 0:
         joint = int(parents[joint])

@@ -284,7 +284,7 @@ def world_of(settings: SolveSettings) -> Obstacles:
 
 
 def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
-    """Return whether skin contacts can be used: they are on, and a floor or objects are known.
+    """Return whether skin contacts can be used: they are enabled, and a floor or objects are known.
 
     With one camera, depth is too uncertain for skin contacts.
     """
