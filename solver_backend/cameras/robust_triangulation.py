@@ -261,7 +261,7 @@ _SAMPLES = 5_000, 20_000  # Number of observations from which the noise is estim
 
 
 def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
-    """Flatten F frames of K keypoints to N = F K points. Return px (C, N, 2), weights (C, N), noise (N,)."""
+    """Flatten F frames of K keypoints to N = F K points. Return pixels (C, N, 2), weights (C, N) and noise (N,)."""
     xp = array_namespace(xy)
     shape = (int(xy.shape[0]), int(xy.shape[1] * xy.shape[2]))
     px, weight = xp.reshape(xy, (*shape, 2)), xp.reshape(confidence, shape)

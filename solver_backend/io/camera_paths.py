@@ -149,7 +149,7 @@ def _numbers(rows: Sequence[Sequence[str]], path: Path) -> np.ndarray:
 
 
 def _array(values: Any, most: float = FARTHEST_IN_UNITS) -> np.ndarray:
-    """Convert values to an array. Raise ``ValueError`` if one is not finite or exceeds ``most``."""
+    """Convert values to an array. Raise ``ValueError`` if a value is not finite or exceeds ``most``."""
     try:
         array = np.array(values, dtype=float)
     except OverflowError as error:

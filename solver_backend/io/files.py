@@ -120,7 +120,7 @@ def load_array(path: Path) -> np.ndarray:
 
 
 class AppendedFile:
-    """A file that grows by complete pieces. A piece that cannot be written completely is removed.
+    """A file to which complete pieces are appended. A piece that cannot be written completely is removed.
 
     Nothing is buffered, so the written pieces remain if the process ends unexpectedly.
     """

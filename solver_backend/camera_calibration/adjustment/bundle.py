@@ -23,7 +23,7 @@ PLACE_SIGMA_M = 0.003  # Standard deviation of a measured position, in metres.
 
 @dataclass(frozen=True)
 class BodySightings(Rows):
-    """N points on bodies (boards or single points), as observed in images."""
+    """N observations of points in camera images. The points are on bodies (boards), or each is a body itself."""
 
     camera: Int[np.ndarray, " n"]  # (N,) index of the camera.
     body: Int[np.ndarray, " n"]  # (N,) index of the body.
@@ -65,7 +65,7 @@ class Held:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Unknown camera parameters, and the priors that limit them."""
+    """The camera parameters that an adjustment estimates, and their priors."""
 
     poses: Bool[np.ndarray, " cameras"]  # (C,) mask of the cameras whose poses are unknown.
     lens: Bool[np.ndarray, "cameras 12"] | None = None
@@ -93,7 +93,7 @@ class Adjusted:
 
 
 def median_by_camera(far: Float[np.ndarray, " n"], seen: BodySightings, count: int) -> Float[np.ndarray, " cameras"]:
-    """Return each camera's median reprojection error, or NaN if no points are in front of the camera."""
+    """Return each camera's median reprojection error ``far``, or NaN if no points are in front of the camera."""
     parts = (far[(seen.camera == c) & ~np.isnan(far)] for c in range(count))
     return np.array([np.median(part) if len(part) else np.nan for part in parts])
 
@@ -115,7 +115,7 @@ def adjust(
     tolerance: float = 1e-8,
     progress: Progress = silent,
 ) -> Adjusted:
-    """Adjust cameras, lenses and bodies to their sightings by minimising a Cauchy penalty.
+    """Fit cameras, lenses and body poses to observed points by minimising a Cauchy penalty (bundle adjustment).
 
     The penalty is ``Σ c²/2 ln(1 + |e/σ|²/c²)``, where e is the reprojection error and c is ``robust_scale``.
 

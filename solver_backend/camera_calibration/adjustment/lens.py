@@ -88,7 +88,7 @@ def moved(cameras: Cameras, step: Float[np.ndarray, "cameras 12"]) -> Cameras:
 def project_local(
     cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 3"], Float[np.ndarray, "n 2 12"]]:
-    """Project points from camera axes to pixels. Also return derivatives by point and lens.
+    """Project points from camera axes to pixels. Also return the derivatives by point coordinates and lens parameters.
 
     Args:
         cameras: C cameras, whose poses are ignored.
@@ -205,7 +205,7 @@ def planar_pose(
 
 
 def _centred(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normalise points to zero mean and a mean distance of √2. Also return the normalisation matrix (3, 3)."""
+    """Move and scale points to zero mean and a mean distance of √2 from it. Also return the matrix (3, 3) for this."""
     mean = points.mean(0)
     scale = np.sqrt(2.0) / max(float(np.linalg.norm(points - mean, axis=1).mean()), 1e-12)
     return (points - mean) * scale, np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])

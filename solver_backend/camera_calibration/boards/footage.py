@@ -100,7 +100,7 @@ def recordings_beside(folder: Path) -> dict[str, Path]:
 
 
 def entries(folder: Path) -> list[Path]:
-    """Return the visible paths in a folder in natural order, or an empty list if it does not exist."""
+    """Return the paths in a folder that are not hidden, in natural order, or [] if the folder does not exist."""
     try:
         shown = [path for path in folder.iterdir() if not path.name.startswith(".")]
         return sorted(shown, key=lambda path: natural_key(path.name))

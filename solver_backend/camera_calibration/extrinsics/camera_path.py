@@ -198,7 +198,7 @@ def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[i
 
 
 def _is_flat(depth: np.ndarray) -> bool:
-    """Return whether all points are about equally far from the first camera, so that zooming would go unnoticed."""
+    """Return whether all points are about equally far from the first camera, so that a zoom would look like motion."""
     far, near = np.percentile(depth, [90.0, 10.0]) if len(depth) else (0.0, 1.0)
     return bool(far < FLAT * near)
 

@@ -103,7 +103,7 @@ def click_tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarr
 
 
 def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate a camera's pose from its known points. Points in a plane use a homography."""
+    """Estimate a camera's pose from clicked points with known positions, by a homography if they lie in a plane."""
     seen = [p for p in clicks.px[name] if p in clicks.places]
     world = np.array([clicks.places[p] for p in seen]).reshape(-1, 3)
     px = np.array([clicks.px[name][p] for p in seen]).reshape(-1, 2)
@@ -169,7 +169,7 @@ def board_evidence(
 
 
 def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
-    """Return the observations of one person's keypoints. Each keypoint in a frame is a single point."""
+    """Return the observations of one person's keypoints. Every keypoint of every frame becomes a separate point."""
     frames, xy, confidence = person_session.sample_person(keypoints, person_session.FINAL_FRAMES)
     bodies, seen, _ = two_views.point_bodies(cameras, xy, person_session.keypoint_sigma(confidence))
     return Evidence("person", bodies, seen, alike=float(min(person_session.FRAMES_ALIKE, len(frames))))

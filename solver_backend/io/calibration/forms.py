@@ -130,7 +130,7 @@ def _number(values: Values, *keys: str, default: float | None = None) -> float |
 
 
 def _rotation(value: Any, order: str, degrees: bool) -> np.ndarray | None:
-    """Convert a quaternion xyzw, or Euler angles in the given order, to a rotation (3, 3)."""
+    """Convert a quaternion xyzw, or Euler angles in the given order, to a rotation (3, 3). Return None if invalid."""
     if (q := _vector(value, 4, "rotation")) is not None:
         return np.asarray(matrix_from_quat(q[[3, 0, 1, 2]])) if np.linalg.norm(q) > 1e-9 else None
     if (angles := _vector(value, 3, "rotation")) is None:

@@ -221,7 +221,7 @@ def _folders(root: Path) -> Iterator[Path]:
 
 
 def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibration]:
-    """Select the calibrations that AIST++'s mapping file lists for the recorded take, or return all."""
+    """Select the calibrations that AIST++'s mapping file lists for the recorded take. If it lists none, return all."""
     if not (folder / _MAPPING).is_file():
         return found
     rows = (line.split() for line in read_text(folder / _MAPPING, LARGEST_TEXT).splitlines())

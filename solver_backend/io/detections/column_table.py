@@ -118,7 +118,7 @@ def _points_in(heading: list[str]) -> dict[str, dict[str, int]]:
 
 
 def _in_order(names: list[str]) -> tuple[list[str], bool]:
-    """Sort points that have numbers, or keep points that have names. Also return whether they have names."""
+    """Sort numbered points, or keep the order of named points. Also return whether the points are named."""
     numbers = [int(found[1]) if (found := _NUMBERED.fullmatch(name)) else -1 for name in names]
     first = min(numbers, default=-1)
     if first in (0, 1) and sorted(numbers) == list(range(first, first + len(names))):

@@ -94,7 +94,7 @@ def _points_of(entry: dict[str, Any]) -> Any:
 
 
 def _names_in(entry: dict[str, Any]) -> tuple[str, ...]:
-    """Return the names of a person's points if they are objects with names."""
+    """Return the names of a person's points, or () if they have no names."""
     points = _points_of(entry)
     if not _are_point_objects(points):
         return ()

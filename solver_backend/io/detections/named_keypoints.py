@@ -42,7 +42,7 @@ class NamedKeypoints:
 
     @property
     def found(self) -> frozenset[str]:
-        """Keypoints of the joint set that the file contains."""
+        """The joint set's keypoints that the file contains."""
         return frozenset(n for n, c in zip(self.joint_set.keypoints, self.columns, strict=True) if c >= 0)
 
     def ordered(self, person: np.ndarray) -> np.ndarray:

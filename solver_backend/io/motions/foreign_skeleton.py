@@ -54,7 +54,7 @@ _XSENS = _segment_table(_XSENS_ROWS, "Right", "Left")
 
 
 def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
-    """Read an Xsens MVNX file. Return its motion relative to the T-pose, and the joint of each role.
+    """Read an Xsens MVNX file. Return its motion relative to the T-pose, and the joint of each role, such as ``head``.
 
     Raises:
         FileMissing, FileDamaged: the file is missing or not MVNX, or has no segments, frames or T-pose.
@@ -209,10 +209,11 @@ _FOLLOWING = 12  # Number of frames compared with the first step.
 def read_foreign_clip(
     path: Path, unit: str = "", up_axis: str = "", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a person's motion from another program in metres with Z up. Also return its roles and diagnostics.
+    """Read a person's motion from another program in metres with Z up.
 
-    If no unit is given, the leg length determines it. If no up axis is given, the trunk determines it in BVH and AMC
-    files, and it is Z in other formats. AMC files do not state a rate, so ``fps`` sets it.
+    Also return the joint of each role (such as ``head``) and diagnostics. If no unit is given, the leg length
+    determines it. If no up axis is given, the trunk determines it in BVH and AMC files, and it is Z in other formats.
+    AMC files do not state a rate, so ``fps`` sets it.
 
     Raises:
         MocapError: see ``read_stated``.
@@ -249,8 +250,8 @@ def read_stated(
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read a motion from another program, in the file's unit and axes.
 
-    Also return the joint of each role, which is empty if the format does not define roles, and diagnostics.
-    ``through_blender`` is the command that reads other files on the add-on's command line.
+    Also return diagnostics, and the joint of each role (such as ``head``). There are no roles if the format does not
+    define them. ``through_blender`` is the command that reads other files on the add-on's command line.
 
     Raises:
         MocapError: the format is not supported, or the reader raises an error.

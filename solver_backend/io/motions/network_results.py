@@ -433,7 +433,7 @@ def _people_of_json(content: Any) -> list[NetworkResult]:
 
 
 def _from_mmpose(points: np.ndarray) -> np.ndarray:
-    """Convert MMPose's points to camera axes. It writes (-x, -z, -y), with the lowest point at height 0."""
+    """Convert points that MMPose writes as (-x, -z, -y), with the lowest point at height 0, to camera axes."""
     points = points.reshape(-1, points.shape[-1])
     return np.asarray(-points[:, [0, 2, 1]])
 

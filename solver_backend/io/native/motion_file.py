@@ -51,7 +51,7 @@ _SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its 
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
-    """Write a motion to a file. Its name defaults to the file name. See ``atomic_output`` for errors."""
+    """Write a motion to a file. The motion's name defaults to the file name. See ``atomic_output`` for errors."""
     name = Path(path).stem if name is None else name
     return motion_file.write_motion(path, as_file(motion, name), overwrite=overwrite)
 

@@ -45,7 +45,7 @@ class PictureSource(Protocol):
         """Connect to the camera. Raise ``MocapError`` if it is not available."""
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield images as they arrive, until the source ends. ``start`` is time 0 of their clock."""
+        """Yield images as they arrive, until the source ends. Their times count from ``start`` (``perf_counter``)."""
         ...
 
     def close(self) -> None:
@@ -188,7 +188,7 @@ class LiveView:
         threading.Thread(target=self._detect, name=f"detect {self.source.name}", daemon=True).start()
 
     def begin(self, start: float) -> None:
-        """Start reading images in a thread. ``start`` is time 0 of their clock."""
+        """Start reading images in a thread. Image times count from ``start`` (``perf_counter``)."""
         threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
 
     def ask(self, moment: int, picture: LivePicture) -> None:

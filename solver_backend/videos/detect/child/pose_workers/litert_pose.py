@@ -222,7 +222,7 @@ class LiteRtHands:
         self.about = {"name": self._model.name, "licence": LICENCE, "num_keypoints": 21, "people": 1}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Detect ``points`` (21, 2) in a (224, 224, 3) crop, and the probabilities ``presence`` and ``right``."""
+        """Detect ``points`` (21, 2) in a (224, 224, 3) crop, with the probabilities of a hand and of a right hand."""
         points, presence, right, *_ = self._model.run(rgb.astype(np.float32) / 255.0)
         return {"points": points.reshape(21, 3)[:, :2], "presence": presence.reshape(1), "right": right.reshape(1)}
 
