@@ -34,7 +34,7 @@ _SWITCH_S = 5e-4  # Seconds after which a Python thread yields to other threads.
 
 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Estimate poses from live cameras until they end, the time is up or a signal arrives."""
+    """Estimate poses from live cameras until the cameras stop, the time is up or a signal arrives."""
     if not 2 <= len(args.sources) <= MOST_CAMERAS:
         message = f"Live poses need 2 to {MOST_CAMERAS} cameras, not {len(args.sources)}."
         raise CommandLineInvalid(message, hint="Specify a video, webcam:NUMBER or oak:ID for each camera.")

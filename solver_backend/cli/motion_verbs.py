@@ -192,7 +192,7 @@ def _by_pose_ndf(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -
 
 
 def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a motion's props as JSON: markers, poses and standard deviations in metres, Z up."""
+    """Write a motion's props as JSON, in metres with Z up: markers, poses and standard deviations."""
     from solver_backend.exchange.motion_file import read_motion
 
     motion = read_motion(args.motion)

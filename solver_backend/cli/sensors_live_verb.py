@@ -32,7 +32,7 @@ COVERAGE_INTERVAL_S = 0.5  # Seconds between reports of the wand coverage. Chose
 
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Stream points, poses or wand coverage until the sensors end, the time is up or a signal arrives."""
+    """Stream points, poses or wand coverage until the sensors stop, the time is up or a signal arrives."""
     _check(args)
     session = None
     if args.poses:  # this takes time, so do it before the sensors start

@@ -217,7 +217,7 @@ def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
-    """Interpolate values linearly along an axis. The result is exact at whole frames."""
+    """Interpolate values along an axis linearly at fractional frames. The result is exact at whole frames."""
     first = np.minimum(at.astype(int), values.shape[axis] - 1)
     second = np.minimum(np.ceil(at).astype(int), values.shape[axis] - 1)
     u = (at - first).reshape(-1, *[1] * (values.ndim - 1 - axis))

@@ -106,9 +106,9 @@ def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
 
 
 class LenientStream:
-    """A text stream for human readers that drops text if it is closed or full.
+    """A text stream for human readers. If it is closed, or its disk is full, text is dropped.
 
-    If the reading process has ended, ``BrokenPipeError`` is raised.
+    If the program that reads the text has ended, ``BrokenPipeError`` is raised.
     """
 
     def __init__(self, stream: TextIO | None) -> None:

@@ -77,7 +77,7 @@ def load_table() -> dict[str, DiagnosticEntry]:
 
 @cache
 def list_refusals() -> tuple[str, ...]:
-    """Return the codes of errors that can refuse a result."""
+    """Return the codes of the errors that mark a result as unusable, so that it is rejected."""
     return tuple(c for c, row in load_table().items() if row.group == _RESULTS and row.severity is Severity.ERROR)
 
 
@@ -333,7 +333,7 @@ def _unite(runs: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def check_accepted(codes: Iterable[str]) -> None:
-    """Raise ``JobInvalid`` unless every code denotes an error that can refuse a result."""
+    """Raise ``JobInvalid`` unless every code is in ``list_refusals``."""
     if unknown := [code for code in codes if code not in list_refusals()]:
         hint = f"Known codes: {', '.join(list_refusals())}."
         raise JobInvalid(f"There is no error to accept with the code {', '.join(unknown)}.", where="accept", hint=hint)

@@ -544,7 +544,7 @@ def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
 
 
 def _legs(motion: MotionFile) -> float:
-    """Return the hip-to-ankle length of both legs in metres. Raise MotionInvalid if there are no legs."""
+    """Return the total length of both legs from hip to ankle in metres. Raise MotionInvalid if it is 0."""
     rest = rest_joints(motion)
     length = sum(float(np.linalg.norm(rest[a] - rest[b])) for leg in _LEGS for a, b in pairwise(leg))
     if length == 0.0:

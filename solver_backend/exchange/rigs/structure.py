@@ -235,7 +235,7 @@ def _paired(left: list[LimbFit], right: list[LimbFit]) -> list[tuple[LimbFit, Li
 
 
 def _together(skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]) -> float:
-    """Return the cost of combining legs and arms in one person, which is infinite if it is impossible."""
+    """Return the cost of the assumption that legs and arms belong to one person, inf if they cannot."""
     hang_legs, hang_arms = (skeleton.above(pair[0].path[0])[1:] for pair in (legs, arms))
     if set(legs[0].path) & set(hang_arms) or set(arms[0].path) & set(hang_legs):
         return np.inf

@@ -153,7 +153,7 @@ class TimeOfFlightModel:
 
 
 def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: np.random.Generator) -> np.ndarray:
-    """Simulate the (h, w) uint16 depth image in millimetres along the axis, 0 where missing."""
+    """Simulate the (h, w) uint16 depth image in millimetres along the optical axis, 0 where missing."""
     low, high = model.range_m
     true = np.minimum(seen.depth, np.float32(100.0))
     blind = retro >= FULL
