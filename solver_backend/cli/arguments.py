@@ -73,8 +73,8 @@ def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> 
     """Read a calibration and sort it in the order of the camera names.
 
     Args:
-        called: plural noun for the cameras in an error, such as "videos".
-        hint: hint of the error.
+        called: plural noun for the cameras in an error message, such as "videos".
+        hint: advice in the error.
 
     Raises:
         CommandLineInvalid: the calibration is for other cameras.
@@ -92,7 +92,7 @@ def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> 
 
 
 def trials_of(path: Path) -> list[Path]:
-    """Return the recordings in a session folder, or none for any other path."""
+    """Return the recordings in a session folder. For any other path, return an empty list."""
     if not path.is_dir():
         return []
     from solver_backend.io.detections.search import camera_sources, trials_below

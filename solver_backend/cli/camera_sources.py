@@ -46,7 +46,7 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None = None) -> Capture:
-    """Read the capture at ``path`` or from the command line, with the reading options."""
+    """Read the capture at ``path``, or the capture on the command line if ``path`` is None."""
     given = args.capture if "capture" in args else args.source
     return load_capture(path or given, **reading(args), progress=progress)
 
@@ -94,7 +94,7 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return camera names, lenses and keypoints of a person, and whether the lenses are approximate."""
+    """Return camera names, lenses, a person's keypoints, and whether the lenses are approximate."""
     try:
         cameras, keypoints = capture_of(args, progress).require_multiview()
     except (CalibrationMissing, CalibrationMismatch):

@@ -83,7 +83,7 @@ def _format_of_output(args: argparse.Namespace) -> str:
 
 
 def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Estimate only the lens parameters, and add them to a library."""
+    """Estimate only the lens parameters, and add them to a lens library."""
     from solver_backend.camera_calibration.intrinsics.known_lenses import keep_lenses
     from solver_backend.cli.camera_sources import calibrated_lenses
 

@@ -15,7 +15,7 @@ from solver_backend.io.native.motion_file import as_file
 
 
 def trim(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Keep a frame range of a motion."""
+    """Trim a motion to a frame range."""
     return _write(args, clips.trim(_read(args, args.motion), *args.frames))
 
 

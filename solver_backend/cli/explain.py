@@ -23,7 +23,7 @@ _VALUE = re.compile(r"\{(\w+)[^}]*\}")
 
 
 def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Explain a code from a report, the panel or ``--json``. Without a code, list all codes.
+    """Explain the code of a diagnostic or an error. Without a code, list all codes.
 
     Raises:
         CommandLineInvalid: no diagnostic or error has this code. The hint suggests the most similar code.

@@ -167,6 +167,6 @@ def make_ready(session: LiveSession) -> None:
 
 
 def settle_memory() -> None:
-    """Exempt all existing objects from garbage collection, which would delay live frames."""
+    """Exempt all existing objects from garbage collection, because checking them would delay live frames."""
     gc.collect()
     gc.freeze()

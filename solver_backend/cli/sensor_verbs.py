@@ -48,7 +48,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
 
 def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Copy a sensor recording, including every frame, to another folder."""
+    """Copy every frame of a sensor recording to another folder."""
     findings = []
     with chain_of(args, folder_of(args), args.out, live=False) as chain:
         for moment in chain.moments():
@@ -80,7 +80,7 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
 
 
 def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
-    """Open the sensor recording at ``path`` or from the command line."""
+    """Open the sensor recording at ``path``, or the recording on the command line if ``path`` is None."""
     return open_folder(args.source if path is None else path, args.calibration)
 
 

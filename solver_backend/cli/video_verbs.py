@@ -130,10 +130,10 @@ def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tup
 
 
 def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:
-    """Make a capture of the only take in a folder of videos. Return None if there are no videos.
+    """Create a capture from videos of a single take in a folder. Return None if there are no videos.
 
     Args:
-        out: folder for the detections and clocks.
+        out: folder for the detections and the estimated camera delays.
     """
     from solver_backend.videos.detect.detector import chosen_detector
 

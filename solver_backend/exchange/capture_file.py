@@ -51,7 +51,7 @@ class CaptureFile:
 
     @property
     def num_frames(self) -> int:
-        """Number of frames with detections, or of marker frames if there are no detections."""
+        """Number of frames of the detections, or of the markers if there are no detections."""
         if self.xy is not None:
             return self.xy.shape[1]
         return 0 if self.markers is None else len(self.markers)

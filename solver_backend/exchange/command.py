@@ -34,13 +34,13 @@ class Cancellation:
         self.asked, self._error = False, error
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Raise the error at the first signal."""
+        """Raise the cancellation error at the first signal. Ignore later signals."""
         if not self.asked:
             self.asked = True
             raise self._error()
 
     def watched(self, progress: Progress) -> Progress:
-        """Wrap a progress receiver so that it raises the error again if a library suppressed it."""
+        """Wrap a progress callback so that it raises the cancellation error again if a library suppressed it."""
 
         def watching(stage: str, done: int, total: int) -> None:
             if self.asked:

@@ -64,7 +64,7 @@ class DiagnosticEntry:
 
 @cache
 def load_table() -> dict[str, DiagnosticEntry]:
-    """Return all rows of the table, by code."""
+    """Return the entries of the diagnostics table by code."""
     import json  # not yet imported when Blender registers add-ons
 
     groups = json.loads(_TABLE.read_text(encoding="utf-8"))

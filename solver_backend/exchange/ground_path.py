@@ -47,7 +47,7 @@ def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
 
 
 def _smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Filter columns with a Gaussian. Beyond the ends, values are continued by point reflection."""
+    """Smooth each column with a Gaussian. Beyond its ends, a column is reflected about its end points."""
     half = min(int(np.ceil(3 * sigma)), len(values) - 1)
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / max(sigma, 1e-6)) ** 2)
     longer = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")

@@ -55,7 +55,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     """One solve: input, settings and output.
 
     Raises:
-        JobInvalid: the motion's name has another suffix, two files have the same path, or a path or setting is invalid.
+        JobInvalid: ``out`` has the wrong suffix, two files have the same path, or a path or setting is invalid.
     """
 
     capture: Path  # File or folder with the capture.

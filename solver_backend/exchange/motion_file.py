@@ -142,7 +142,7 @@ class MotionFile:
 
 
 def is_motion(path: Path) -> bool:
-    """Return whether a file is a readable motion file of ours or from AMASS."""
+    """Return whether a file is a readable motion file in our format or in the AMASS format."""
     if path.suffix.lower() != ".npz":
         return False
     try:

@@ -143,7 +143,7 @@ def array_names(path: Path | str) -> frozenset[str]:
 
 
 def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, np.ndarray]:
-    """Read the wanted arrays in an ``.npz``, except those that need pickle."""
+    """Read the arrays in an ``.npz`` for whose names ``wanted`` is True, except those that need pickle."""
     arrays: dict[str, np.ndarray] = {}
     with _opened(path) as members:
         for name in filter(wanted, members.names):
@@ -183,7 +183,10 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
 
 @contextmanager
 def _opened(path: Path | str) -> Iterator[Members]:
-    """Open an archive and yield its arrays. Raise a named error if it is damaged, even during the block."""
+    """Open an archive and yield its arrays.
+
+    If it is damaged, raise a named error, even if the damage is detected only within the ``with`` block.
+    """
     path = require_file(path)
     try:
         with open_regular(path) as stream:

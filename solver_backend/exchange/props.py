@@ -81,7 +81,7 @@ def require_length(props: Sequence[Prop], frames: int) -> None:
 
 
 def prop_arrays(props: Sequence[Prop]) -> dict[str, np.ndarray]:
-    """Return the file arrays for props, or none if there are no props."""
+    """Convert props to arrays for a motion file. Without props, return an empty dictionary."""
     if not props:
         return {}
     stacks = {key: np.stack([getattr(prop, key) for prop in props]) for key in ("rotvec", "transl", "sigma")}
@@ -96,7 +96,7 @@ def prop_arrays(props: Sequence[Prop]) -> dict[str, np.ndarray]:
 
 
 def read_props(fields: Fields, frames: int) -> tuple[Prop, ...]:
-    """Return the props in a file with F frames.
+    """Return the props in a motion file with ``frames`` frames.
 
     Raises:
         MotionInvalid: the arrays do not match each other or the number of frames.

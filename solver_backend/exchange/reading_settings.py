@@ -149,6 +149,6 @@ def calibrated_names(texts: Sequence[str]) -> dict[str, str]:
 
 
 def options_of(values: Mapping[str, Any]) -> list[str]:
-    """Convert values by setting name to solver options. Defaults are omitted."""
+    """Convert reading settings to command line options of the solver. Defaults are omitted."""
     given = {name: value for name, row in ROWS.items() if (value := values.get(name)) != row.default}
     return [word for name, value in given.items() for word in ROWS[name].words(value)]

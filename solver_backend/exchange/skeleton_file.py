@@ -22,7 +22,10 @@ _OFF = 1e-3
 
 @dataclass(frozen=True)
 class SkeletonMotion:
-    """J joints in F frames, in a world with Z up. Rest positions are in the skeleton's axes."""
+    """Motion of a skeleton with J joints over F frames, in a world with Z up.
+
+    Rest positions are in the skeleton's axes.
+    """
 
     name: str
     names: tuple[str, ...]

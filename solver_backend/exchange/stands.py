@@ -50,7 +50,7 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
-    """Join runs that are less than this number of frames apart."""
+    """Join runs that are less than ``frames`` frames apart."""
     joined: list[tuple[int, int]] = []
     for first, stop in runs:
         if joined and first - joined[-1][1] < frames:

@@ -61,7 +61,7 @@ class Verb:
         return {name: value for name, value in values.items() if value != left_out[name]}
 
     def arguments(self, **values: Any) -> argparse.Namespace:
-        """Return parsed arguments with these values, and defaults for the others."""
+        """Return parsed arguments with these values, and defaults for all other settings."""
         if unknown := values.keys() - self.rows.keys():
             raise KeyError(f"{self.name} has no {', '.join(unknown)}")
         return argparse.Namespace(verb=self.name, rest=[], **{row.name: row.default for row in self.settings} | values)
@@ -75,7 +75,7 @@ class Verb:
 
 
 def option(kind: Kind, name: str, metavar: str, description: str, default: Any = None, **more: Any) -> Setting:
-    """Declare an option of a verb. If the default is ``REQUIRED``, it must be given."""
+    """Declare an option of a verb. If the default is ``REQUIRED``, the user must specify the option."""
     given: dict[str, Any] = {"label": name.replace("_", " ").title(), "required": default is REQUIRED, **more}
     own = None if default is REQUIRED else default
     return Setting(kind, description=description, name=name, default=own, metavar=metavar, **given)
@@ -203,7 +203,7 @@ class Program:
         return args
 
     def parser(self, group: str = "") -> Parser:
-        """Return the parser that expects a verb's name, in a group if given. Its help lists the verbs."""
+        """Return the parser for a verb's name, optionally within a group. Its help lists the verbs."""
         name, of_group = f"{self.name} {group}".strip(), self.groups.get(group, "")
         about = f"{of_group[:1].upper()}{of_group[1:]}." if group else self.description
         usage = f"{name} [-h]{' [--version]' * bool(self.version and not group)} VERB ..."

@@ -73,7 +73,7 @@ def _value(key: str, value: Any, tables: Tables) -> Any:
 
 @cache
 def _texts() -> dict[str, str]:
-    """Return the texts from other tables that replace names in braces in descriptions."""
+    """Return texts by name. Setting descriptions contain these names in braces."""
     from .video_settings import DETECTORS
 
     return {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}

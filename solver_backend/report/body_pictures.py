@@ -164,7 +164,10 @@ def rest_pose_section(motion: Motion) -> str:
 
 
 def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
-    """Return (M, 3) marker positions on the rest pose in metres, with (M, 3) layout offsets."""
+    """Return (M, 3) marker positions in metres on the body in its rest pose.
+
+    ``offsets`` (M, 3) shift the markers from their positions in the layout.
+    """
     assert motion.layout is not None
     still = np.broadcast_to(np.eye(3), (1, NUM_BODY_JOINTS, 3, 3))
     landmarks = marker_landmarks(body, motion.layout)

@@ -68,7 +68,7 @@ def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def sight_sigma_m(motion: Motion, centres: np.ndarray) -> np.ndarray:
-    """Return the (F, J) standard deviations of the joints along the line of sight, in metres."""
+    """Return each joint's (F, J) standard deviation in metres along the line of sight from the camera."""
     assert motion.joint_covariance is not None
     away = motion.joints - centres[:, None]
     sight = away / np.linalg.norm(away, axis=-1, keepdims=True)

@@ -149,7 +149,7 @@ def centres_of(motion: Motion) -> bool:
 
 
 def hips_never_move(capture: Capture, motion: Motion) -> bool:
-    """Return whether the centre of the hips never moves, although other points do."""
+    """Return whether the centre of the hips never moves, although other points move."""
     cloud = capture.markers
     if cloud is None or cloud.labels is None or motion.marker_labels is None or motion.layout is None:
         return False

@@ -254,7 +254,7 @@ def provenance_section(capture: Capture, motion: Motion) -> str:
 
 
 def marker_section(motion: Motion) -> str:
-    """Show each marker's residual and the percentage of frames that show it."""
+    """Show each marker's residual, and the percentage of frames in which it is visible."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None:
         return ""

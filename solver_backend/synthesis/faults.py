@@ -100,9 +100,10 @@ def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Ge
 
 
 def bursts(draws: np.ndarray, share: float, length: float) -> np.ndarray:
-    """Convert uniform draws to a mask of runs with mean ``length`` and total fraction ``share``.
+    """Convert uniform random numbers to a mask of bursts along the frames, a Markov chain.
 
-    The mask is a Markov chain along the frames. ``draws`` (C, F, ...) are uniform in 0..1.
+    Bursts have the mean duration ``length`` in frames. The fraction ``share`` of the mask is True.
+    ``draws`` (C, F, ...) are uniform in 0..1.
     """
     leave = 1.0 / length
     enter = leave * share / (1.0 - share)

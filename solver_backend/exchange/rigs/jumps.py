@@ -26,7 +26,7 @@ def bridge_jumps(
         fps: frames per second.
 
     Returns:
-        Joints and rotations (unchanged if there are no jumps), and a diagnostic for each kind of jump.
+        Joints and rotations (unchanged if there are no jumps), and diagnostics of interpolated and of remaining jumps.
     """
     place = joints[:, pelvis]
     steps = np.linalg.norm(np.diff(place, axis=0), axis=1)

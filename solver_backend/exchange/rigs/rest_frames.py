@@ -131,7 +131,7 @@ def anatomical_axis(direction: np.ndarray, is_arm: bool) -> np.ndarray:
 
 
 def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) right-handed frame of a direction and an axis orthogonal to it.
+    """Return the (..., 3, 3) right-handed frame of a direction and an axis.
 
     Args:
         direction: (..., 3) non-zero vectors.

@@ -165,7 +165,7 @@ class _Limbs:
 
 
 def recognise(skeleton: Skeleton) -> StructureGuess:
-    """Return the certain roles of a skeleton's bones.
+    """Recognise a person's bones by the structure of the skeleton. Return only the certain roles.
 
     Legs and arms are the two cheapest pairs of similar branches. The cost depends on segment ratios, the angle between
     foot and shin, the fingers of a hand, and the direction of the legs relative to the trunk.
@@ -294,7 +294,7 @@ def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:
 
 
 def _toe(skeleton: Skeleton, fit: LimbFit) -> int | None:
-    """Return the bone that is most likely the toe, about a third of the shin's length from the ankle."""
+    """Return the most likely toe bone, which is about a third of the shin's length away from the ankle."""
     _, knee, ankle = fit.joints
     shin = skeleton.distance(knee, ankle)
     after = [bone for bone in skeleton.below(ankle)[1:] if 0.15 < skeleton.distance(bone, ankle) / shin < 0.9]

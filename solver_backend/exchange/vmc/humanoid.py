@@ -164,7 +164,7 @@ class Humanoid:
         return normal * _MIRROR_QUAT, np.array([x, z, -y]) * _MIRROR
 
     def from_unity(self, quat: np.ndarray, hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Convert Unity bones, as from ``to_unity``, to (J, 3) rotation vectors and a translation (3,)."""
+        """Convert Unity bones to (J, 3) rotation vectors and a translation (3,). This inverts ``to_unity``."""
         after = unturned(np.concatenate([_Y_UP[None], self._turns[self._parents]]))
         local = quat_multiply(quat_multiply(after, quat * _MIRROR_QUAT), self._turns[self.joints])
         rotvec = np.zeros((self.layout.num_joints, 3))

@@ -106,7 +106,7 @@ def _swaps(
 
 
 def exchanged_columns(joint_set: JointSet) -> dict[str, list[int]]:
-    """Return, for each limb pair, the keypoint columns of both sides that a detector swaps together."""
+    """Return the keypoint columns of both sides of each limb pair, which a detector swaps together."""
     return {limb: sorted(np.concatenate(limb_columns(joint_set, limb)).tolist()) for limb in EXCHANGED}
 
 
@@ -133,7 +133,7 @@ def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np
 
 
 def delayed(track: np.ndarray, frames: float) -> np.ndarray:
-    """Delay a track (F, ...) by a number of frames with linear interpolation. Its ends are constant."""
+    """Delay a track (F, ...) by a number of frames with linear interpolation. Beyond its ends, it is constant."""
     at = np.clip(np.arange(len(track)) - frames, 0, len(track) - 1)
     first = np.minimum(np.floor(at).astype(int), len(track) - 2)
     share = (at - first).reshape(-1, *([1] * (track.ndim - 1)))

@@ -31,7 +31,7 @@ class MotionSource:
     path: Path | None  # The file, or None for the choreography.
 
     def play(self, body: Body, betas: np.ndarray, fps: float, frames: int) -> Person:
-        """Create a person with betas (10,) in the first ``frames`` frames of the motion at ``fps``.
+        """Create a person with betas (10,) who performs the motion at ``fps``, for at most ``frames`` frames.
 
         Raises:
             MocapError: the file cannot be read.
@@ -74,7 +74,10 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
 
 
 def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
-    """Read a motion file, and apply its joint rotations and path on the floor to another body shape."""
+    """Read a motion file, and apply its joint rotations and path on the floor to another body shape.
+
+    Return the person and the frame rate in Hz.
+    """
     motion = load_motion(path)
     if isinstance(motion, BvhClip):
         raise MotionInvalid("The skeleton is not the program's body. Use `motion convert` first.", where=str(path))

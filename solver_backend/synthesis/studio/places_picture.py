@@ -49,7 +49,7 @@ class _Name:
 def places_picture(body: Body, names: tuple[str, ...]) -> np.ndarray:
     """Draw a layout's markers on a body at rest, front and back, as an (h, w, 3) uint8 image.
 
-    Each name is in the view that its marker faces. In the other view, the marker shines through.
+    Each name is in the view that shows its marker. In the other view, the marker shines through the body.
 
     Raises:
         KeyError: a name is not in any layout.

@@ -215,7 +215,7 @@ def _plan(body: Body) -> tuple[list[_Slab], Landmarks, np.ndarray]:
 
 
 def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) -> list[_Slab]:
-    """Cut a part into slabs along its longest axis."""
+    """Cut a body part into slabs along its longest axis."""
     centred = skin[chosen] - np.average(skin[chosen], axis=0, weights=area[chosen])
     axis = np.linalg.eigh((centred * area[chosen, None]).T @ centred)[1][:, -1]
     along = centred @ axis
@@ -239,7 +239,7 @@ def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.n
 
 
 def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return the outermost vertices of a part in directions spread over a sphere."""
+    """Return the outermost vertices of a body part in directions spread over a sphere."""
     i = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1 - 2 * i / _DIRECTIONS, np.pi * (1 + 5**0.5) * i
     ways = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])

@@ -60,7 +60,7 @@ def read_look(description: Any) -> StudioLook:
 
 
 def draw_light(light: str, rng: np.random.Generator) -> str:
-    """Choose a light. 'random' is replaced by a random choice."""
+    """Choose a light. If the value is 'random', draw it."""
     drawn = str(rng.choice([name for name in LIGHT if name != "random"]))
     return drawn if light == "random" else light
 
