@@ -344,7 +344,7 @@ def _require_not_mirrored(points: np.ndarray, view: _View, off: float, result: S
 
 
 def _sight(view: _View) -> np.ndarray:
-    """Return the unit directions (F, 3) from the camera to the person. Frames without keypoints get the mean."""
+    """Return unit directions (F, 3) from the camera to the person. Frames without keypoints get the mean direction."""
     total = np.maximum(view.weight.sum(axis=1), 1e-9)[:, None]
     middle = np.einsum("fl,fla->fa", view.weight, np.nan_to_num(view.image)) / total
     seen = view.weight.sum(axis=1) > 0
@@ -407,7 +407,7 @@ def deviations(
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """Return robust standard deviations (L,) about zero of values (F, L, n), or NaN."""
+    """Return robust standard deviations (L,) about zero of values (F, L, n), NaN for points without values."""
     rows = np.moveaxis(values, 1, 0).reshape(values.shape[1], -1)
     found = np.full(len(rows), np.nan)
     for number, row in enumerate(rows):  # over points

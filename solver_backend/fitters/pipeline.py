@@ -148,8 +148,8 @@ def require(settings: SolveSettings, trait: str, where: str, lacks: str, otherwi
 
     Args:
         trait: name of a field in ``Method``.
-        lacks: second part of the sentence in the message.
-        otherwise: alternative to choosing another method.
+        lacks: text after the method's name in the message, such as "needs two cameras".
+        otherwise: alternative to choosing another method, such as "add a camera".
     """
     if not getattr(METHODS[settings.method], trait):
         hint = f"Choose the method {_able(trait)}, or {otherwise}."

@@ -256,7 +256,7 @@ class Convergence:
 
 @dataclass(frozen=True)
 class SolvedFrames:
-    """Solved poses in a take, with the method's other estimates."""
+    """Solved poses in a take, with the other estimates of the method."""
 
     subject: Subject  # Contains the shape and bias from the last pass.
     frames: PosedFrames

@@ -215,7 +215,7 @@ def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tu
 
 
 def joined_words(words: Sequence[str]) -> str:
-    """Join names to a list in a sentence, such as "arms, trunk and head"."""
+    """Join names into a list for a sentence, such as "arms, trunk and head"."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
@@ -324,7 +324,7 @@ def resting_shares(
 
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
-    """Return the parts that measurements never determine, for landmarks without offsets."""
+    """Return the parts whose pose the measurements never determine, assuming landmarks without offsets."""
     return parts_without(body, measurements.landmarks, measurements.located.any(axis=0))
 
 

@@ -76,7 +76,7 @@ class SkinContacts:
         return SkinTerms(self.landmarks, (surface, *held))
 
     def notes(self) -> Iterator[Diagnostic]:
-        """Yield diagnostics about fixed parts other than feet, overlapping people, and an error of the floor."""
+        """Yield diagnostics about fixed parts other than feet, overlaps with other people, and a wrong floor height."""
         found, afloat = self.touches[:, FEET:], self.afloat
         if found.any():
             names = list(CONTACT_PARTS)[FEET:]

@@ -100,7 +100,7 @@ class FrameRange:
         return values | ({"forgets": True} if self.forgets else {})
 
     def check(self, num_frames: int) -> None:
-        """Check that range, pins and contacts are inside the take. Raise ``JobInvalid`` otherwise."""
+        """Raise ``JobInvalid`` unless range, pins and contacts are inside the take."""
         if not 0 <= self.first < self.last < num_frames:
             message = f"Frames {self.first} to {self.last} are not a valid range in this take of {num_frames} frames."
             hint = f"Choose two frames from 0 to {num_frames - 1}, the earlier one first."

@@ -191,9 +191,9 @@ LEAST_SEEN = 0.6  # A chosen frame shows at least this share of the largest numb
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
     """Select up to ``count`` frames with the most different poses.
 
-    Distances between markers describe a pose without its position and heading. The next frame is the one farthest from
-    all selected frames (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are (F,
-    L, 3).
+    Distances between markers describe a pose without its position and heading. The frame farthest from all selected
+    frames is added next (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are
+    (F, L, 3).
     """
     seen = np.isfinite(points).all(-1).sum(-1)
     candidates = np.unique(np.linspace(0, len(points) - 1, min(CANDIDATES, len(points))).astype(int))

@@ -111,8 +111,8 @@ def filled(
     process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. τ is estimated from the take.
 
     The second prediction comes from the neighbours (see ``among``). Frames around the gap give the mean squared errors
-    ``e²`` of both. The second prediction has the weight ``e_1² / (e_1² + e_2²)``. If the predictions differ by more
-    than these errors, the body is assumed to be wrong. A limb with no visible marker is undetermined.
+    ``e_1²`` and ``e_2²``. The second prediction has the weight ``e_1² / (e_1² + e_2²)``. If the predictions differ by
+    more than the errors, the body is assumed to be wrong. A limb with no visible marker is undetermined.
 
     ``bones`` are (F, M, 3, 3) weighted mean rotations of each marker's bones. ``others`` are (F, U, 3) recorded points
     that the body does not use. They predict markers of limbs without other known markers.

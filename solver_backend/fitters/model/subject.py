@@ -45,8 +45,8 @@ def decoded_with_vjp(
 ) -> tuple[Array, Callable[[Array], tuple[Array, Array | None]]]:
     """Return ``decoded`` rotations, and a function that propagates derivatives to the inputs.
 
-    The function maps derivatives (F, 21, 3) w.r.t. left tangents to derivatives w.r.t. codes (F, d), and w.r.t.
-    residuals (F, 21, 3) or None.
+    The function maps derivatives (F, 21, 3) w.r.t. left tangents to derivatives w.r.t. codes (F, d) and w.r.t.
+    residuals (F, 21, 3). The latter are None if there are no residuals.
     """
     xp = array_namespace(z)
     local, decoder_vjp = prior.decode_with_vjp(z)

@@ -30,7 +30,7 @@ _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
 
 @dataclass(frozen=True)
 class Measured:
-    """Joints of our body as another skeleton measures them, in world metres."""
+    """Positions of our body's joints in another skeleton's motion, with rotations and rest joints, in world metres."""
 
     places: np.ndarray  # (F, NUM_JOINTS, 3), NaN where the skeleton has no such joint.
     turns: np.ndarray  # (F, 22, 3, 3) rotations from our body's rest axes to the world.
@@ -310,8 +310,8 @@ def shape_from_places(body: Body, measured: Measured) -> np.ndarray:
     """Estimate the body shape (10,) from a skeleton's rest lengths and joints in some frames.
 
     Lengths do not determine the positions of hips and shoulders in the trunk. Poses and shape are fitted alternately.
-    For fixed poses, the joints are linear in the shape, and the root is eliminated. A step minimises the mean over the
-    frames of ``Σ |p_k(β) - p_k|² / σ²``, the lengths' errors and ``|β|²``.
+    For fixed poses, the joints are linear in the shape, and the root is eliminated. Each step minimises the sum of
+    three terms: the mean over the frames of ``Σ |p_k(β) - p_k|² / σ²``, the lengths' errors and ``|β|²``.
     """
     betas, known = shape_from_lengths(body, measured.rest), _known(measured.places)
     frames = np.unique(np.linspace(0, len(measured.places) - 1, _SHAPE_FRAMES).astype(int))

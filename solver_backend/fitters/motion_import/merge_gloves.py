@@ -63,8 +63,8 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
     """Estimate the start of the other recording on the first one's clock, or return None if the wrists are too still.
 
-    The offset maximises the correlation of all wrists' speeds over the overlap, with a parabola between samples. Speeds
-    are (n,) and (m,) for the same wrists at ``RATE`` samples per second.
+    The offset maximises the correlation of all wrists' speeds over the overlap. A parabola refines it between samples.
+    Speeds are (n,) and (m,) for the same wrists at ``RATE`` samples per second.
     """
     pairs = [(a, b) for a, b in zip(one, other, strict=True) if _moves(a) and _moves(b)]
     if not pairs:

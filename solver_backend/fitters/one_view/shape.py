@@ -91,7 +91,7 @@ def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
 
 
 def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
-    """Return the keypoints that can show a planted foot, by column.
+    """Return the columns of the keypoints that can show a planted foot.
 
     ``seen`` (L,) is the share of frames that show each keypoint.
     """

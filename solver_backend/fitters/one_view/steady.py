@@ -157,7 +157,7 @@ def _sole_points(
 
 
 def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
-    """Return the slide (F, 2) of a foot's touching part from its mean position in each contact."""
+    """Return how far (F, 2) the touching part of a foot is from its mean position in each contact."""
     height = foot[..., 2] - foot[..., 2].min(axis=1, keepdims=True)
     touch = np.exp(-height / TOUCH_M)
     hold = touch[1:] * touch[:-1]

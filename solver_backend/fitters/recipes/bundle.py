@@ -191,7 +191,7 @@ Step = Callable[[Bundle], Bundle]  # Learns some quantity from the current poses
 
 @dataclass(frozen=True)
 class Pass:
-    """One minimisation over the keyframes, after steps that learn other quantities."""
+    """Steps that learn quantities such as noise, followed by one minimisation over the keyframes."""
 
     schedule: Schedule
     free: tuple[str, ...]  # Unknown blocks of the state.
@@ -354,7 +354,7 @@ class PassPlan:
 
 
 def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan the passes for several views: one on the manifold with wide scales, then two that also learn the shape."""
+    """Plan the passes for several views: one on the prior's manifold, then two that also learn the shape."""
     scale, steps = settings.robust_scale, settings.iterations
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3, promise=1.0)
     between = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2, promise=1.0)
@@ -371,7 +371,7 @@ def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
 
 
 def plan_one_view(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan the passes for one camera: one on the manifold, then passes off it with planted feet kept in place.
+    """Plan the passes for one camera: one on the prior's manifold, then others off it with planted feet kept in place.
 
     Shape, bias and noise are not learned, because with one camera they would absorb every depth error.
     """
@@ -395,7 +395,7 @@ LOOSENESS = 2.0  # Additional looseness with fixed codes, because free codes tak
 
 
 def plan_known_person(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan the passes for markers on a calibrated person: one on the manifold if needed, and one off it."""
+    """Plan the passes for markers on a known person: one on the prior's manifold if needed, and one off it."""
     scale, steps, usual = settings.robust_scale, settings.iterations, problem.frames_of(settings.refine_window)
     measured, stride = problem.measurements, problem.frames_of(1, 1)
     rate = problem.fps / stride
