@@ -281,10 +281,7 @@ def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 
 def body_path(motion: MotionFile) -> np.ndarray:
-    """Return the body's smoothed path (F, 3) on the ground: x and y in metres, and heading in radians.
-
-    The heading is 0 if the body faces -Y.
-    """
+    """Return the body's smoothed path (F, 3) on the ground: x, y in metres, and heading from -Y in radians."""
     path = ground_path(
         motion.transl + rest_joints(motion)[0],
         matrix_from_rotvec(motion.rotvec[:, 0]) @ R_STAGE_BODY.T,

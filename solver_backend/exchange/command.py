@@ -52,10 +52,7 @@ class Cancellation:
 
 @contextmanager
 def signals_handled(handler: Any) -> Iterator[None]:
-    """During a ``with`` block, handle cancellation signals with ``handler``.
-
-    Outside the main thread, signals are not changed.
-    """
+    """Handle cancellation signals with ``handler`` during a ``with`` block, if this is the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

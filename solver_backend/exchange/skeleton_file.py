@@ -22,10 +22,7 @@ _OFF = 1e-3
 
 @dataclass(frozen=True)
 class SkeletonMotion:
-    """Motion of a skeleton with J joints over F frames, in a world with Z up.
-
-    Rest positions are in the skeleton's axes.
-    """
+    """Motion of a skeleton over F frames, with Z up. The rest positions are in the skeleton's own axes."""
 
     name: str
     names: tuple[str, ...]

@@ -330,10 +330,7 @@ def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbF
 
 
 def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: list[_Limbs]) -> list[str]:
-    """Remove a limb's roles if an almost equally likely interpretation assigns them differently.
-
-    Return a message about each ambiguous pair of limbs.
-    """
+    """Remove a limb's roles if an almost equally likely interpretation differs, and return messages."""
     doubts = []
     for limb, parts in (("legs", _LEG), ("arms", (*_ARM, *FINGERS))):
         own = getattr(best, limb)

@@ -112,10 +112,7 @@ def _hidden(body: Body, rings: list[np.ndarray]) -> np.ndarray:
 
 
 def _rings_inside(body: Body, cover: np.ndarray) -> np.ndarray:
-    """Return the number of edges (V,) from each vertex to the border of its region, at most 5.
-
-    The number is 0 outside the region.
-    """
+    """Return the number of edges (V,) from each vertex to its region's border: at most 5, and 0 outside."""
     edges = np.concatenate([body.faces[:, [0, 1]], body.faces[:, [1, 2]], body.faces[:, [2, 0]]])
     inside = cover.copy()
     rings = np.zeros(len(cover))

@@ -74,10 +74,7 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
 
 
 def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
-    """Read a motion file, and apply its joint rotations and path on the floor to another body shape.
-
-    Return the person and the frame rate in Hz.
-    """
+    """Apply a file's joint rotations and floor path to another body shape. Also return the frame rate."""
     motion = load_motion(path)
     if isinstance(motion, BvhClip):
         raise MotionInvalid("The skeleton is not the program's body. Use `motion convert` first.", where=str(path))

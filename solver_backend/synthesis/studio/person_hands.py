@@ -217,10 +217,7 @@ def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -
 
 
 def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps: float) -> np.ndarray:
-    """Move (F, A) finger angles towards a relaxed hand in frames in which fingers intersect.
-
-    The change fades in and out around these frames.
-    """
+    """Move (F, A) finger angles towards a relaxed hand around frames in which fingers intersect."""
     need = np.ones(len(angles))
     for share in SHARES:
         mixed = relaxed + share * (angles - relaxed)

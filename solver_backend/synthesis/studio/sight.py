@@ -257,10 +257,7 @@ def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
 
 
 def _squares(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (V, P) squared distances between skin vertices and points, without the vertices' squared lengths.
-
-    These do not affect which point is nearest to a vertex.
-    """
+    """Return (V, P) squared distances between skin vertices and points, up to a constant per vertex."""
     return (points**2).sum(axis=1) - 2 * skin @ points.T
 
 
