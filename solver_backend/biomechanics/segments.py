@@ -224,7 +224,7 @@ class PosedSegments:
 
     @property
     def turned_deg(self) -> int:
-        """Rotation about the vertical from the world to the ground in degrees, a multiple of 90."""
+        """Angle in degrees about the vertical from the world's axes to the ground's axes, a multiple of 90."""
         R = WORLD_TO_GROUND.T @ self.ground
         return round(float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))))
 
@@ -295,7 +295,7 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
 
 
 def without_fingers(motion: Motion, body: Body) -> Motion:
-    """Remove finger joints from a motion, so that it has only the recorded joints of a body."""
+    """Remove a motion's finger joints, so that only the recorded joints of ``body`` remain."""
     layout = body.layout.recorded
     own, theirs = motion.body_layout.shared_with(layout)
     if motion.body_layout.joints == layout.joints or len(own) < FIRST_FINGER:

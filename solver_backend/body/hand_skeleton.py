@@ -32,7 +32,7 @@ KNUCKLES = tuple(HAND_POINTS.index(f"{finger}_mcp") for finger in ("middle", *FI
 
 
 def side_sign(side: int) -> float:
-    """Return σ, the sign of mirrored axes: 1 for a right hand, -1 for a left hand."""
+    """Return the sign σ that mirrors a hand's axes: 1 for a right hand, -1 for a left hand."""
     return 1.0 if SIDES[side] == "right" else -1.0
 
 
@@ -165,7 +165,7 @@ class HandSkeleton:
         return np.concatenate([np.zeros((1, 3)), chain.reshape(-1, 3)])
 
     def keypoints(self) -> HandSites:
-        """Return the positions of the ``HAND_POINTS`` on the segments."""
+        """Return the ``HAND_POINTS`` as points that are fixed to the segments."""
         finger = np.concatenate([[0], np.repeat(np.arange(5), 4)])
         segment = np.concatenate([[0], np.tile(np.arange(4), 5)])
         offset = np.zeros((NUM_HAND_POINTS, 3))
@@ -235,7 +235,7 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return the (F, L, 3, 3) axes of each point's segment, which are also the point's derivative by its offset."""
+    """Return the (F, L, 3, 3) axes of the points' segments, which are also the derivatives w.r.t. the offsets."""
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
 

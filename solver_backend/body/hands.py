@@ -123,7 +123,7 @@ def by_finger(values: np.ndarray) -> np.ndarray:
 def finger_rotations(body: Body, angles: Float[np.ndarray, "frames 2 a"]) -> Float[np.ndarray, "frames 30 3 3"]:
     """Convert angles (F, 2, A) in radians to rotations (F, 30, 3, 3) in SMPL-H's order.
 
-    Both have the left hand first.
+    In both arrays, the left hand comes first.
     """
     found = np.zeros((len(angles), 2, JOINTS_OF_A_HAND, 3, 3))
     for side, skeleton in enumerate(hand_skeletons(body)):
@@ -137,7 +137,7 @@ def rest_angles(body: Body) -> Float[np.ndarray, "2 a"]:
 
 
 def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = None) -> Float[np.ndarray, "21 3"]:
-    """Return (21, 3) ``HAND_POINTS`` of a resting body in metres, with the mean shape by default."""
+    """Return one hand's (21, 3) ``HAND_POINTS`` in metres on a body at rest, by default of mean shape."""
     rows, tips = _joints(side), tip_vertices(body)[side]
     joints, ends = body.joints_template[rows], body.v_template[tips]
     if betas is not None:

@@ -20,7 +20,7 @@ _LARGEST_BYTES = 1_000_000  # Size limit of the file in bytes, chosen by hand.
 
 
 def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:
-    """Write each label's recognised location, null if unknown, or "" if it is not used."""
+    """Write a file with the recognised location of each label: null if unknown, and "" if the label is not used."""
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands])
     left_out, known = {*names.virtual, *names.doubled}, {**names.known, **hands}
@@ -30,7 +30,7 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
 
 
 def read_label_places(path: Path | str) -> dict[str, str]:
-    """Read each label's location. Empty text excludes a marker, and null gives no entry.
+    """Read each label's location. Empty text excludes a marker, and labels with null are omitted.
 
     A location is a marker name from the layouts, a bone such as ``@left_knee`` (the joint where the bone starts), or a
     hand location such as ``L_FT2``.

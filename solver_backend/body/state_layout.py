@@ -98,7 +98,7 @@ class StateLayout:
         return StateLayout(tuple(block for block in self.blocks if block.name not in names))
 
     def columns(self, free: Collection[str]) -> np.ndarray:
-        """Return the (n,) indices of the entries of the blocks ``free``, in the order of ``only(free)``."""
+        """Return the (n,) tangent indices of the blocks named in ``free``, in the order of ``only(free)``."""
         return np.concatenate([np.arange(self.dof)[self[block.name]] for block in self.only(free).blocks])
 
     @cached_property

@@ -47,7 +47,7 @@ def torch_namespace() -> Any:
 
 
 def device_of(like: Array) -> Any:
-    """Return the device for new arrays like ``like``, or None for the CPU."""
+    """Return the device of ``like`` on which to create new arrays, or None for the CPU."""
     device = getattr(like, "device", None)
     return None if str(device) == "cpu" else device
 

@@ -25,7 +25,7 @@ def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
 
 
 def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of markers that ever jump relative to their (M, n) neighbours."""
+    """Return an (M,) mask of markers that jump at least once relative to their neighbours ``around`` (M, n)."""
     moved = np.diff(points, axis=0)
     jumps = np.zeros(points.shape[1], dtype=bool)
     for m, near in enumerate(around):

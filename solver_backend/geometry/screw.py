@@ -24,7 +24,7 @@ _TERMS = 40  # Number of terms in the Jacobian's series. The last is below 1e-14
 
 @dataclass(frozen=True)
 class _Moved:
-    """Rigid motions in F frames and their derivatives w.r.t. the k keys, as body twists."""
+    """Rigid motions in F frames, and their derivatives (as body twists) w.r.t. k keys."""
 
     rotation: Array  # (F, 3, 3).
     transl: Array  # (F, 3).

@@ -69,7 +69,7 @@ def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the triple products (...) of the unit vectors from points (..., 3) to three others (..., 3, 3)."""
+    """Return the triple products (...) of the unit vectors from points (..., 3) to three points each (..., 3, 3)."""
     along = unit(others - points[..., None, :])
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
@@ -115,7 +115,7 @@ def label_like(
 ) -> LikeTake:
     """Label a take's points like a labelled take of the same person.
 
-    In the frame with most points, a beam search assigns the labels. It starts with the most rigid markers, because the
+    In the frame with the most points, a beam search assigns the labels. It starts with the most rigid markers, as the
     distances between markers on one bone are constant. Triple products exclude mirror images. Labels then propagate in
     time: a tracklet gets a label if no other label fits its distances to the labelled points.
 
@@ -351,7 +351,7 @@ def _misfit(one: TakeShape, other: TakeShape, x: np.ndarray, y: np.ndarray | int
 
 
 def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarray) -> float:
-    """Return the gain from swapping a pair, by triple products with two other markers. The most rigid ones are used."""
+    """Return the gain in triple products from swapping two markers, over pairs of the most rigid other markers."""
     gain = 0.0
     around = [int(c) for c in np.argsort(-rigid, kind="stable")[:OTHERS] if rigid[c] > 0.1]
     for c, d in combinations(around, 2):

@@ -202,7 +202,7 @@ class BodyFit(Protocol):
     def step(
         self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
     ) -> FittedBody:
-        """Fit the body to markers (53, 3). Missing markers are replaced by guesses with deviations (53,)."""
+        """Fit the body to markers (53, 3). Missing ones use ``guess`` with deviations ``guess_sigma`` (53,)."""
         ...
 
 

@@ -63,7 +63,7 @@ class LandmarkNetwork(Protocol):
         ...
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read (B, N, 3) point clouds in metres, Z up."""
+        """Label the points and estimate landmarks in (B, N, 3) clouds (metres, Z up) with a mask ``seen`` (B, N)."""
         ...
 
 
@@ -83,7 +83,7 @@ class PointNetwork:
     sha256: str = ""
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read (B, N, 3) point clouds in metres, Z up, with a mask ``seen`` (B, N)."""
+        """Label the points and estimate landmarks in (B, N, 3) clouds (metres, Z up) with a mask ``seen`` (B, N)."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)
@@ -177,7 +177,7 @@ class FramesRead:
 def read_frames(
     positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, network: LandmarkNetwork
 ) -> Iterator[FramesRead]:
-    """Read the given frames of a take in batches. ``seen`` (F, N) is a mask of existing points."""
+    """Apply the network to the given frames of a take, in batches. ``seen`` (F, N) is a mask of existing points."""
     size = int(np.clip(_PAIRS // max(int(seen[frames].sum(1).max()), 1) ** 2, 1, _PART))
     for start in range(0, len(frames), size):
         part = frames[start : start + size]

@@ -46,7 +46,7 @@ class RecordingFormat(ABC, Generic[Item]):
     pieces: ClassVar[str]
 
     def head(self) -> bytes:
-        """Return the bytes that precede the first frame."""
+        """Return the bytes that precede the first frame in a recording."""
         return b""
 
     @abstractmethod
@@ -113,7 +113,7 @@ def recording_of(path: Path) -> Path:
 
 
 def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
-    """Complete the recording of a run that was killed. Return the new file, or None without a recording.
+    """Complete the recording of a run that was killed. Return the new file, or None if there is no recording.
 
     Raises:
         OutputNotWritable: another process is recording, or the disk is full. The recording is not deleted.
@@ -241,7 +241,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
         return pack_head(_POSES, _VERSION, body=body.id, betas=np.asarray(betas).tolist(), source=self.source)
 
     def encode(self, time: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Encode a pose as a row: increasing seconds, (24, 3) or (52, 3) rotation vectors, and (3,) metres."""
+        """Encode a pose as a row: seconds, translation (3,) in metres, and (24, 3) or (52, 3) rotation vectors."""
         if self._last is not None and abs(time - self._last) > _SILENCE_S:  # a silence, or a clock that was reset
             self._cut += time - self._last - _CUT_TO_S
         self._last = time

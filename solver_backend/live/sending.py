@@ -95,6 +95,6 @@ def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) 
 
 
 def rest_joints(motion: Motion) -> np.ndarray:
-    """Compute the (J, 3) rest joints of a motion's body from the pose in its first frame."""
+    """Compute the (J, 3) rest joints of a motion's body from the joints and rotations in the first frame."""
     rotvec = np.concatenate([motion.global_orient[0], motion.body_pose[0]]).reshape(-1, 3)
     return unpose(motion.body_layout.parents, rotvec, motion.joints[0], motion.transl[0])

@@ -64,7 +64,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
         return subject.body.layout, subject.body.rest_joints(subject.betas)
 
     def run(self, moments: Iterable[Shown | EventLine]) -> Iterator[LiveLine]:
-        """Yield one output line per moment, and events. If a moment cannot be fitted, the pose restarts."""
+        """Yield one output line per moment, and events. After a moment that cannot be fitted, the fit restarts."""
         for moment in moments:
             if isinstance(moment, dict):
                 yield moment

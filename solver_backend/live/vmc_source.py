@@ -44,7 +44,7 @@ class BoneFrame:
 
 
 class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
-    """Decoder for the bones of one VMC sender. A frame is complete when all bones have arrived, or one repeats."""
+    """Decoder for the bones of one VMC sender. A frame ends when all bones have arrived, or when one arrives again."""
 
     words = "Another sender is ignored while the first one sends.", "A packet is not Open Sound Control"
 

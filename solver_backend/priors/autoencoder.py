@@ -208,7 +208,6 @@ class PoseAutoencoder(AutoencodingPrior):
         return self._encoded(features)
 
     def _distance_to_reconstruction(self, rotations: Array) -> Array:
-        """Return the (N,) mean squared rotations from reconstructed to given poses, in units of ``residual_sigma``."""
         return reconstruction_energy(rotations, self.reconstruct(rotations), self.residual_sigma)
 
     def decoder_like(self, like: Array) -> DenseStack:

@@ -52,7 +52,7 @@ class GaussianOnSphere(AutoencodingPrior):
         return xp.matmul(unit, constant(self._basis.T, z))
 
     def decode(self, z: Codes) -> Poses:
-        """Map the codes to Gaussian codes, and decode them."""
+        """Project the codes to Gaussian codes, and decode these to rotations."""
         return self._prior.decode(self._flat(z)[0])
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:

@@ -85,14 +85,14 @@ class LiftedTake:
         return up / max(float(np.linalg.norm(up)), 1e-9)
 
     def placed(self, body: Body, landmarks: Landmarks, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (F, L, 3) points and (F, 3) positions of a person of this shape, in camera axes and metres."""
+        """Return landmarks (F, L, 3) and positions (F, 3) of a person of shape ``betas``, in metres in camera axes."""
         still = np.zeros((len(self.local), 3))
         points = np.asarray(pose_landmarks(body, landmarks, betas, self.view.root, self.local, still).points)
         places = smoothed_places(place_before_camera(points, self.image, self.confidence), self.fps)
         return points + places[:, None], places
 
     def off_rays(self, body: Body, landmarks: Landmarks) -> np.ndarray:
-        """Return mean distances (F,) in metres of an average person's points from their rays."""
+        """Return the mean distances (F,) in metres from an average person's landmarks to the keypoints' rays."""
         points, _ = self.placed(body, landmarks, np.zeros(body.shapedirs.shape[-1]))
         seen = self.confidence > 0
         off = np.linalg.norm(points[..., :2] - np.where(seen[..., None], self.image, 0.0) * points[..., 2:], axis=-1)
@@ -213,7 +213,7 @@ def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up
 def _lower(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the n frames with a visible foot, and the foot point with the lowest sole."""
+    """Return the n frames with a visible foot, and the column of the foot point with the lowest sole in each."""
     columns = np.array([k for k, name in enumerate(names) if name in _FEET], dtype=int)
     if not len(columns):
         return columns, columns

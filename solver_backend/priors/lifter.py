@@ -81,7 +81,7 @@ def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
 
 @dataclass(frozen=True)
 class Lifter:
-    """Network that estimates a pose from 3D keypoints, with its metadata."""
+    """Network, with its metadata, that estimates a pose from 3D keypoints."""
 
     stack: DenseStack
     metadata: dict[str, Any]  # Training command, data and evaluation.

@@ -66,7 +66,7 @@ def layer_norm(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
 
 
 def attention(q: np.ndarray, k: np.ndarray, v: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
-    """Return the (B, N, d) values that N queries attend to. Arguments are (B, heads, N, d_h)."""
+    """Return the softmax attention (B, N, d) of queries, keys and values (B, heads, N, d_h)."""
     scores = q @ np.swapaxes(k, -1, -2)
     scores *= np.float32(q.shape[-1] ** -0.5)
     if bias is not None:
@@ -113,7 +113,7 @@ _START_LOG_SIGMA = -2.5  # Log standard deviation for zero network output: 8 cm.
 
 @dataclass(frozen=True)
 class LookAt:
-    """Rotation and scale of N windows."""
+    """Rotation and scale that normalise the image points of N windows."""
 
     R: Array  # (N, 3, 3) from the camera to a camera that looks at the person.
     size: Array  # (N,) root mean square angle of the points around the person's centre, in focal lengths.
@@ -180,7 +180,7 @@ def interpreted(output: Array, view: LookAt) -> LiftedView:
 
 @dataclass(frozen=True)
 class ViewLifter:
-    """Network with attention between the frames of a window, evaluated at the window's middle."""
+    """Network that lifts the middle frame of a window, with attention between the window's frames."""
 
     arrays: Arrays  # Float32 weights, by the names of the trained module's parameters.
     heads: int

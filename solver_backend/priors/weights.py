@@ -34,7 +34,7 @@ class PriorWeights:
     sha256: str = ""
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> np.ndarray:
-        """Return an array as float64 after checking its shape, where None means any length.
+        """Return an array as float64 after checking its shape. None in ``shape`` allows any length.
 
         Raises:
             WeightsInvalid: the array is missing, not finite, or has another shape.

@@ -260,7 +260,7 @@ class MarkerChain:
                 process.join()
 
     def moments(self, until: float = float("inf")) -> Iterator[LiveMoment | Finding]:
-        """Yield fused markers and sensor diagnostics until all sensors end or the host time ``until``."""
+        """Yield fused markers and sensor diagnostics until all sensors have ended or the host time is ``until``."""
         while self._open and time.perf_counter() <= until:
             self._listen(LISTEN_S)
             yield from self._fused(time.perf_counter())

@@ -90,7 +90,7 @@ class BlockTridiagonal:
         return full, xp.concat([off, beyond], axis=1)
 
     def _without_inner(self, damping: Array, precision: Any) -> tuple[_Outer, _Inner | None]:
-        """Eliminate inner unknowns. Return the outer ones' Schur complement ``D - Bᵀ A⁻¹ B``."""
+        """Eliminate the inner unknowns. Return the Schur complement of the outer unknowns, ``D - Bᵀ A⁻¹ B``."""
         xp = array_namespace(self.g)
         count, size = self.g.shape
         met = self.upper.shape[-1] if count > 1 else size

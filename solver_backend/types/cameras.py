@@ -134,7 +134,7 @@ class Cameras:
 
     @property
     def centres(self) -> Float[np.ndarray, "cameras 3"]:
-        """(C, 3) optical centres in world metres, ``-Rᵀ t``. For moving cameras, at their start."""
+        """(C, 3) optical centres in world metres, ``-Rᵀ t``. For moving cameras, their centres at the start."""
         return -np.einsum("cji,cj->ci", self.R, self.t)
 
     def poses(self, camera: int, frames: int) -> tuple[Float[np.ndarray, "frames 3 3"], Float[np.ndarray, "frames 3"]]:

@@ -312,7 +312,7 @@ class Capture:
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:
-        """Select another person by name or number. Raise PersonUnknown if there is none."""
+        """Select a person by name or number. Raise PersonUnknown if there is no such person."""
         wanted = name.strip().casefold()
         for number, person in enumerate(self.people, 1):
             if wanted in (person.name.casefold(), str(number)):

@@ -27,7 +27,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
         flat_hands: False adds the file's relaxed hands (``hands_meanl``, ``hands_meanr``) to every finger pose.
 
     Raises:
-        UnsafePickle: the pickle requests code.
+        UnsafePickle: the pickle would run code.
         BodyInvalid: the file is not a body, or belongs to another family.
     """
     path = Path(path)

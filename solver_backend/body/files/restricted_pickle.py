@@ -53,7 +53,7 @@ class UnbuiltArray:
 
 
 def finished(value: Any) -> Any:
-    """Replace an ``UnbuiltArray`` by its values. In a dictionary, replace each one."""
+    """Replace an ``UnbuiltArray``, or every one in a dictionary, by its values."""
     if isinstance(value, UnbuiltArray):
         if value.values is None:
             raise Damage("an array has no values")
@@ -134,7 +134,7 @@ MAX_OPERATIONS = 2_000_000  # A body model needs thousands. Each takes a microse
 
 @dataclass(frozen=True)
 class Dialect:
-    """Additional classes and limits for the pickles of one program."""
+    """Functions, limits and messages that are specific to the pickles of one program."""
 
     calls: dict[str, Callable[..., Any] | None] = field(default_factory=dict)  # Additional functions, see ``CALLS``.
     persistent: Callable[[Any], Any] | None = None  # Resolves a persistent id. None if there are no ids.
@@ -273,7 +273,7 @@ class Machine:
             self._stack.append(result)
 
     def _spend(self, content: Any) -> None:
-        """Count the bytes of arrays against the limit, as a pickle can reuse bytes many times."""
+        """Count the bytes of an array against the limit, because a pickle can use the same bytes for many arrays."""
         self._bytes_left -= len(content) if isinstance(content, str | bytes | bytearray) else 0
         if self._bytes_left < 0:
             raise Damage("its arrays would need far more memory than the file size allows")

@@ -29,7 +29,7 @@ NORMAL_MAD = 1.4826  # Ratio between the standard deviation and the median absol
 
 @dataclass(frozen=True)
 class Ring:
-    """R pixels around all marker blobs. Blobs themselves saturate, and have no depth."""
+    """R pixels around all marker blobs, which provide the depth because the blobs saturate and have none."""
 
     pixel: np.ndarray  # (R,) flat pixel indices.
     owner: np.ndarray  # (R,) index of the blob that each pixel belongs to.

@@ -242,7 +242,7 @@ def require_fit(found: Adjusted) -> None:
 
 
 def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[CalibratedCameras, float]:
-    """Return the calibration in metres with standard deviations, and the scatter of depths."""
+    """Return the calibration in metres, and the scatter of depths (NaN if the wand's lengths give the scale)."""
     array = result_of("wand", found)
     if options.wand is not None:
         return array, float("nan")
