@@ -72,10 +72,28 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
 def detections_of(
     followed: FollowedPeople, person: int, detections: Detections, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a (C, F, P) mask of a person's detections, and the matching keypoints of each."""
-    rows = followed.rows[person]
-    points, near = _expected_points(followed.people, rows, detections.num_frames, fps)
-    return _accepted(followed.seen, points, near, followed.tracks)
+    """Return a (C, F, P) mask of a person's detections, and the number of matching keypoints of each.
+
+    A detection is accepted if its keypoints and most of its track in the view are as close as usual in this recording.
+    The track distinguishes the person from people who pass behind.
+    """
+    seen, tracks = followed.seen, followed.tracks
+    points, near = _expected_points(followed.people, followed.rows[person], detections.num_frames, fps)
+    frames = np.flatnonzero(near)
+    distance, fit = np.full(tracks.shape, np.inf), np.zeros(tracks.shape)
+    for c in range(len(seen.cameras)):
+        fit[c, frames], distance[c, frames], _ = detection_distances(seen, c, frames, points[frames])
+    usual = distance.min(axis=-1)
+    usual = usual[usual < TOLERANCE_M]
+    tolerance = min(TOLERANCE_M, max(CLOSEST_M, USUAL_TIMES * float(np.median(usual)))) if usual.size else 0.0
+    close = distance < tolerance
+    counted = (tracks >= 0) & near[None, :, None]
+    size = int(tracks.max()) + 1
+    seen_often = np.bincount(tracks[counted], minlength=size)
+    right_often = np.bincount(tracks[counted], weights=close[counted].astype(float), minlength=size)
+    share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
+    accepted = (close & (share >= 0.5)) | ((distance < TOLERANCE_M) & (share >= SURE_SHARE))
+    return accepted, fit
 
 
 def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
@@ -117,31 +135,6 @@ def _expected_points(people: PeopleInSpace, rows: np.ndarray, frames: int, fps: 
         track = np.stack([np.interp(every, at, people.points[rows[good], j, axis]) for axis in range(3)], axis=-1)
         points[:, j] = np.where((distance <= 0.5 * BRIDGE_S * fps)[:, None], track, np.nan)
     return points, np.isfinite(points[..., 0]).any(axis=1)
-
-
-def _accepted(
-    seen: Sightings, points: np.ndarray, near: np.ndarray, tracks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return a (C, F, P) mask of the person's detections, and their numbers of matching keypoints.
-
-    A detection is accepted if its keypoints and most of its track in the view are as close as usual in this recording.
-    The track distinguishes the person from people who pass behind.
-    """
-    frames = np.flatnonzero(near)
-    distance, fit = np.full(tracks.shape, np.inf), np.zeros(tracks.shape)
-    for c in range(len(seen.cameras)):
-        fit[c, frames], distance[c, frames], _ = detection_distances(seen, c, frames, points[frames])
-    usual = distance.min(axis=-1)
-    usual = usual[usual < TOLERANCE_M]
-    tolerance = min(TOLERANCE_M, max(CLOSEST_M, USUAL_TIMES * float(np.median(usual)))) if usual.size else 0.0
-    close = distance < tolerance
-    counted = (tracks >= 0) & near[None, :, None]
-    size = int(tracks.max()) + 1
-    seen_often = np.bincount(tracks[counted], minlength=size)
-    right_often = np.bincount(tracks[counted], weights=close[counted].astype(float), minlength=size)
-    share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
-    accepted = (close & (share >= 0.5)) | ((distance < TOLERANCE_M) & (share >= SURE_SHARE))
-    return accepted, fit
 
 
 @dataclass(frozen=True)

@@ -97,11 +97,8 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
     """Return the compared keypoints of all detections without lens distortion."""
     columns, mirror = compared_keypoints(detections.joint_set)
     certain = detections.confidence[..., columns] >= MIN_CONFIDENCE
-    xy = np.full((*certain.shape, 2), np.nan)
-    for c in range(len(cameras)):
-        pixels = detections.xy[c][..., columns, :][certain[c]].astype(np.float64)
-        xy[c][certain[c]] = undistort(cameras.subset([c]), pixels[None])[0]
-    return Sightings(cameras, xy, mirror)
+    xy = np.where(certain[..., None], detections.xy[..., columns, :].astype(np.float64), np.nan)
+    return Sightings(cameras, undistort(cameras, xy), mirror)
 
 
 def main_person(detections: Detections, *, every_keypoint: bool = False) -> np.ndarray:

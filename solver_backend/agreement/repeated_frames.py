@@ -1,9 +1,7 @@
-"""Find frames that are repeated, skipped, filled or out of order, and excluded views."""
+"""Find frames that are repeated, skipped, filled or out of order."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +10,8 @@ import numpy as np
 from solver_backend.agreement.person_tracks import STEP_SHARE
 from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, Detections, extent, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.geometry.arrays import quantile, true_runs
-from solver_backend.types import Capture, Keypoints2D
-from solver_backend.types.shapes import Bool
+from solver_backend.types import Keypoints2D
 
 LONGEST = 5  # Longest run of repeated or skipped frames to interpolate. Lines of filled gaps are twice as long.
 STILL_PX = 0.02
@@ -101,44 +97,6 @@ def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D
     xy = early + share[..., None] * (late - early)
     hands = None if keypoints.hands is None else np.where(repeated[..., None, None, None], np.nan, keypoints.hands)
     return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
-
-
-_FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
-
-
-def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
-    """Return a capture without the views that the user excludes, see ``left_out_views``.
-
-    Raises:
-        TooFewViews: no camera remains.
-    """
-    if not texts:
-        return capture
-    cameras, keypoints = capture.require_views()
-    out = left_out_views(texts, cameras.names, keypoints.num_frames)
-    confidence = np.where(out[..., None], 0.0, keypoints.confidence)
-    if not (confidence > 0).any():
-        raise TooFewViews("No camera with detections is left.", where=capture.name, hint="Keep more cameras.")
-    return replace(capture, keypoints=replace(keypoints, confidence=confidence))
-
-
-def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> Bool[np.ndarray, "views frames"]:
-    """Return a (C, F) mask of views excluded by ``CAMERA`` or ``CAMERA:FIRST-LAST`` (from 0)."""
-    out = np.zeros((len(names), frames), bool)
-    for text in texts:
-        found = _FORM.fullmatch(text)
-        first, last = (0, frames - 1) if found is None or not found["first"] else map(int, found.group("first", "last"))
-        if found is None or (found["first"] and first > last):
-            raise JobInvalid(
-                f"'{text}' is not a camera to exclude.", where="leave_out", hint="Write CAMERA or CAMERA:FIRST-LAST."
-            )
-        if found["camera"] not in names:
-            what, hint = f"There is no camera '{found['camera']}' to leave out.", f"Cameras: {', '.join(names)}."
-            raise JobInvalid(what, where="leave_out", hint=hint)
-        if found["first"] and first >= frames:
-            raise JobInvalid(f"'{text}' begins after the last frame ({frames - 1}).", where="leave_out")
-        out[list(names).index(found["camera"]), first : last + 1] = True
-    return out
 
 
 def take_cuts(detections: Detections) -> list[int]:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.repeated_frames import without_views
 from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.body.label_places import places_given
@@ -233,7 +232,7 @@ def prepare(
         return Problem.of(body, prior, measure_directly(capture, body, like, settings, person, progress))
     if markers is not None:
         return _prepare_markers(markers, capture.others, body, prior, like, settings, progress, person)
-    seen, fitting = without_views(capture, settings.leave_out), prior_on_body(prior, body.layout)
+    seen, fitting = capture.without_views(settings.leave_out), prior_on_body(prior, body.layout)
     if seen.several_views is None:
         from solver_backend.fitters.one_view.measure import measure_one_view
 
@@ -347,7 +346,7 @@ def solve(
         problem = replace(problem, others=OtherSkin.of(problem.body, others))
     give_back_freed_memory()
     found = solve_problem(problem, settings, progress, _sources(capture, settings), each)
-    if capture.keypoints is None or without_views(capture, settings.leave_out).several_views is None:
+    if capture.keypoints is None or capture.without_views(settings.leave_out).several_views is None:
         return found
     stature, has_shape = problem.body.stature_of(found.motion.betas), settings.betas is not None
     return _with_stature(found, stature, capture.stature_m, has_shape=has_shape)

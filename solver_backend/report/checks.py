@@ -10,7 +10,6 @@ import numpy as np
 
 from solver_backend.agreement.epipolar_fit import report_lenses
 from solver_backend.agreement.reading import MIN_POINTS
-from solver_backend.agreement.repeated_frames import left_out_views
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import limb_of, of_one_limb
@@ -26,6 +25,7 @@ from solver_backend.io.recognition.person_scale import LEG_SHARE
 from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.report.statistics import KeypointResiduals, detected_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, MARKER_GHOST, Capture, JointSet, Motion
+from solver_backend.types.capture import left_out_views
 
 BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
 """Heights of a foot joint below and above the floor that are suspicious, in metres."""

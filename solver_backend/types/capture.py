@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import (
     CalibrationMismatch,
     CaptureInvalid,
+    JobInvalid,
     KeypointCountMismatch,
     NoDetections,
     NonFiniteData,
@@ -24,7 +26,7 @@ from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.exchange.rigs.skeleton import JOINT_OF
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.marker_cloud import MarkerCloud
-from solver_backend.types.shapes import Float
+from solver_backend.types.shapes import Bool, Float
 
 BONES = {role: SMPL.joints[joint] for role, joint in JOINT_OF.items()} | {
     name: name for name in ("spine1", "spine2", "spine3", "neck")
@@ -339,6 +341,21 @@ class Capture:
             truth={name: cut(values) for name, values in self.truth.items()},
         )
 
+    def without_views(self, texts: Sequence[str]) -> Capture:
+        """Return the capture without the views that the user excludes, see ``left_out_views``.
+
+        Raises:
+            TooFewViews: no camera remains.
+        """
+        if not texts:
+            return self
+        cameras, keypoints = self.require_views()
+        out = left_out_views(texts, cameras.names, keypoints.num_frames)
+        confidence = np.where(out[..., None], 0.0, keypoints.confidence)
+        if not (confidence > 0).any():
+            raise TooFewViews("No camera with detections is left.", where=self.name, hint="Keep more cameras.")
+        return replace(self, keypoints=replace(keypoints, confidence=confidence))
+
     def views(self, indices: list[int]) -> Capture:
         """Return the capture restricted to the cameras at these indices."""
         assert self.cameras is not None and self.keypoints is not None
@@ -346,6 +363,28 @@ class Capture:
         people = tuple(replace(person, keypoints=person.keypoints.views(indices)) for person in self.people)
         cameras, keypoints = self.cameras.subset(indices), self.keypoints.views(indices)
         return replace(self, cameras=cameras, keypoints=keypoints, footage=footage, people=people)
+
+
+_FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
+
+
+def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> Bool[np.ndarray, "views frames"]:
+    """Return a (C, F) mask of views excluded by ``CAMERA`` or ``CAMERA:FIRST-LAST`` (from 0)."""
+    out = np.zeros((len(names), frames), bool)
+    for text in texts:
+        found = _FORM.fullmatch(text)
+        first, last = (0, frames - 1) if found is None or not found["first"] else map(int, found.group("first", "last"))
+        if found is None or (found["first"] and first > last):
+            raise JobInvalid(
+                f"'{text}' is not a camera to exclude.", where="leave_out", hint="Write CAMERA or CAMERA:FIRST-LAST."
+            )
+        if found["camera"] not in names:
+            what, hint = f"There is no camera '{found['camera']}' to leave out.", f"Cameras: {', '.join(names)}."
+            raise JobInvalid(what, where="leave_out", hint=hint)
+        if found["first"] and first >= frames:
+            raise JobInvalid(f"'{text}' begins after the last frame ({frames - 1}).", where="leave_out")
+        out[list(names).index(found["camera"]), first : last + 1] = True
+    return out
 
 
 LIMBS: dict[str, tuple[str, ...]] = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.repeated_frames import without_views
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import solve
@@ -26,12 +25,12 @@ def capture() -> Capture:
 def test_a_view_and_a_stretch_of_another_take_no_part(capture: Capture) -> None:
     assert capture.cameras is not None
     first, second = capture.cameras.names[:2]
-    left = without_views(capture, [first, f"{second}:10-19"]).keypoints
+    left = capture.without_views([first, f"{second}:10-19"]).keypoints
     assert left is not None and capture.keypoints is not None
     assert not left.confidence[0].any() and not left.confidence[1, 10:20].any()
     np.testing.assert_array_equal(left.confidence[1, 20:], capture.keypoints.confidence[1, 20:])
     np.testing.assert_array_equal(left.confidence[2:], capture.keypoints.confidence[2:])
-    assert without_views(capture, []) is capture
+    assert capture.without_views([]) is capture
 
 
 @pytest.mark.parametrize(
@@ -41,14 +40,14 @@ def test_a_view_and_a_stretch_of_another_take_no_part(capture: Capture) -> None:
 def test_what_cannot_be_meant_is_named(capture: Capture, item: str, message: str) -> None:
     assert capture.cameras is not None
     with pytest.raises(JobInvalid, match=message):
-        without_views(capture, [item.format(capture.cameras.names[0])])
+        capture.without_views([item.format(capture.cameras.names[0])])
 
 
 def test_no_camera_is_too_few_and_one_is_one_view(capture: Capture) -> None:
     assert capture.cameras is not None
     with pytest.raises(TooFewViews):
-        without_views(capture, capture.cameras.names)
-    assert without_views(capture, capture.cameras.names[1:]).is_one_view
+        capture.without_views(capture.cameras.names)
+    assert capture.without_views(capture.cameras.names[1:]).is_one_view
 
 
 @pytest.mark.slow
