@@ -405,8 +405,7 @@ def _solve_body(
 ) -> tuple[Problem, Problem, SolvedFrames, Convergence]:
     """Solve a person's body, and solve it again if a layer changes the problem.
 
-    Return the problem with its final point source, the same problem with the layers' landmarks, the solution and its
-    convergence.
+    Return the problem with its final point source, the same problem with all landmarks, the poses and convergence.
     """
     method = METHODS[settings.method]
 
