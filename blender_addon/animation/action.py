@@ -94,7 +94,7 @@ def bake_action(
 def key_root(
     target: CurveTarget, armature: bpy.types.Object, path: GroundPath, times: np.ndarray, metres_a_unit: float = 1.0
 ) -> None:
-    """Key the root control along a path at (F,) scene frames. ``metres_a_unit`` is the armature's unit length."""
+    """Key the root control along a path at (F,) scene frames. One armature unit is ``metres_a_unit`` metres."""
     axes = np.array(armature.data.bones[ROOT].matrix_local, np.float64)[:3, :3]
     types = key_type_values(None, len(times))
     armature.pose.bones[ROOT].rotation_mode = "QUATERNION"

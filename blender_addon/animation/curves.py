@@ -49,7 +49,7 @@ def take_strip(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
 
 
 def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Return the take that an object plays below the user's layers, or else its top action."""
+    """Return the take that an object plays, or else its assigned action or its topmost NLA strip's action."""
     own, playing = obj.animation_data and obj.animation_data.action, playing_strips(obj)
     if own is not None and is_take(own):
         return own
@@ -67,7 +67,7 @@ def play_action(obj: Any, action: bpy.types.Action | None, slot: Any = None) -> 
 
 
 def exchange_strip(obj: bpy.types.Object, strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
-    """Replace an NLA strip by one that plays a whole action at the frames of its keys."""
+    """Replace an NLA strip by a strip that plays all of ``action``, at the scene frames of the action's keys."""
     [track] = [track for track in obj.animation_data.nla_tracks if strip in list(track.strips)]
     kept = {name: getattr(strip, name) for name in ("blend_type", "extrapolation", "use_auto_blend")}
     track.strips.remove(strip)
@@ -78,7 +78,7 @@ def exchange_strip(obj: bpy.types.Object, strip: bpy.types.NlaStrip, action: bpy
 
 
 def fit_strip(strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
-    """Set an NLA strip to play a whole action at the frames of its keys."""
+    """Make an NLA strip play all of ``action``, at the scene frames of the action's keys."""
     if hasattr(action, "slots") and len(action.slots):
         strip.action_slot = action.slots[0]
     strip.action_frame_start, strip.action_frame_end = action.frame_range
@@ -117,7 +117,7 @@ def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | No
 
 
 def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
-    """Remove a property's curves. Return the times and types of the first curve's keys, shape (K, 2)."""
+    """Remove a property's curves. Return the times and types (K, 2) of the first curve's keys, or None."""
     curves = [curve for curve in target.container.fcurves if curve.data_path == path]
     if not curves:
         return None
@@ -241,7 +241,7 @@ def _points(times: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _enum_value(prop: str, *names: str) -> int:
-    """Return the ``foreach_set`` number of the first name that this Blender version knows."""
+    """Return the ``foreach_set`` number of the first of these enum items that this Blender version has."""
     items = bpy.types.Keyframe.bl_rna.properties[prop].enum_items
     return next(items[name].value for name in names if name in items)
 
@@ -261,7 +261,7 @@ def laid_rate(action: bpy.types.Action) -> float:
 
 
 def mark_laid(action: bpy.types.Action, fps: float, frames: int, start: float, scene_fps: float) -> None:
-    """Store a take's timing in its action, which is needed to adapt it to another scene frame rate."""
+    """Store a take's timing in its action. ``relay_take`` uses it to adapt the take to another scene frame rate."""
     action["fps"], action["frames"], action["frame_start"], action[RATE] = fps, frames, start, scene_fps
 
 

@@ -16,7 +16,7 @@ from ..conventions.timing import TakeTiming, go_to_frame
 
 @dataclass(frozen=True)
 class Deviation:
-    """Largest distances between the two bodies over several frames."""
+    """Largest distances between Blender's posed body and the expected body, over several frames."""
 
     joints_mm: float  # Distance of pose bone heads from the motion's joint positions, or from those of its pose.
     skin_mm: float  # Distance of the evaluated mesh from the model's skin, with its shape and pose correctives.
@@ -47,7 +47,7 @@ def measure_deviation(
     timing: TakeTiming,
     frames: list[int],
 ) -> Deviation:
-    """Measure how far Blender's evaluation of the displayed scene deviates from NumPy's."""
+    """Measure how far Blender's joints and skin are from the positions that NumPy computes for the motion."""
     times = timing.scene_frames(motion.num_frames, motion.fps)
     _, tree = pose_joints(body.rest_joints(motion.betas), rotvec_on(motion, body.layout)[frames], motion.transl[frames])
     expected = tree if motion.joints is None else motion.joints[frames]

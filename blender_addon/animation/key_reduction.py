@@ -75,7 +75,11 @@ def _solve_chain(diagonal: np.ndarray, beside: np.ndarray, right: np.ndarray) ->
 
 
 def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the key before each frame (F,), and the weights of values and slopes (F, 4)."""
+    """Return the cubic Hermite weights of the keys around every frame.
+
+    The results are the index (F,) of the key before each frame, and the weights (F, 4) of the values at the keys before
+    and after the frame, followed by the weights of the slopes at these two keys.
+    """
     at = np.arange(num_frames)
     left = np.clip(np.searchsorted(frames, at, "right") - 1, 0, len(frames) - 2)
     length = (frames[left + 1] - frames[left]).astype(float)
@@ -101,7 +105,10 @@ Distance = Callable[[np.ndarray], np.ndarray]
 def reduce_keys(
     values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance, progress: Progress = silent
 ) -> SparseCurves:
-    """Return curves with at most ``count`` keys: the first and last frame, and the best ``candidates``."""
+    """Fit curves with at most ``count`` keys that keep ``distance`` small.
+
+    The keys are the first frame, the last frame and a selection of the frames in ``candidates``.
+    """
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
     laid = _lay(values, free, count, distance, progress)
@@ -136,7 +143,7 @@ def _error(values: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarr
 def _pruned(
     values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float, progress: Progress
 ) -> np.ndarray:
-    """Remove keys that the tolerance does not require. Keys that are far apart are tested together."""
+    """Remove keys while the error stays within the tolerance. Test distant keys together to save time."""
     turn = idle = 0
     while idle < _APART and len(keys) > 2:
         progress(REMOVING, turn, turn + _APART - idle)  # at least this many more tests follow
@@ -154,7 +161,7 @@ def _pruned(
 
 
 def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance, progress: Progress) -> np.ndarray:
-    """Add up to ``count`` keys, at the worst frames of the worst segments."""
+    """Select up to ``count`` of the frames ``free`` as keys. Each step adds keys near the largest errors."""
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < min(count, len(free)):
         progress(ADDING, len(keys), count)
@@ -174,7 +181,7 @@ def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance, p
 def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Distance, progress: Progress) -> np.ndarray:
     """Move each key to a nearby free frame if that reduces the distances. Return the new key frames.
 
-    Keys that are far apart are tested together.
+    To save time, keys that are far apart are tested together.
     """
     if len(keys) < 3:
         return keys
@@ -204,7 +211,7 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
 
 
 def _between(cost: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the sums of an (F,) cost over frame ranges, each including its last frame."""
+    """Return the sum of an (F,) cost over each frame range from ``first`` to ``last``, both included."""
     total = np.concatenate([[0.0], np.cumsum(cost, dtype=np.float64)])
     return total[last + 1] - total[first]
 
@@ -239,7 +246,7 @@ def thin_channels(
     seen, known = whole.copy(), np.zeros(frames, np.float32)
 
     def apart(found: np.ndarray) -> np.ndarray:
-        """Return the largest joint error in each frame (F,), in metres. Only changed frames are computed again."""
+        """Return each frame's largest joint error (F,) in metres. Recompute only frames that have changed."""
         changed = np.flatnonzero(np.abs(found - seen).max(axis=1) > _UNCHANGED)
         seen[changed] = found[changed]
         off = _posed(seen[changed], heads, axes, room)[1]

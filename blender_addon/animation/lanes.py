@@ -60,7 +60,7 @@ def write_lanes(
 ) -> None:
     """Write curves of confidence, resting joints and floor contacts for a motion's frames.
 
-    The armature's value ignores resting joints. No measurement determines them, and they need no review.
+    Resting joints have no measurement and need no review, so they do not lower the confidence of the whole armature.
     """
     bones, at, resting = armature.pose.bones, times[frames], motion.resting
     for bone in bones:
@@ -112,12 +112,12 @@ def edit_contact(
 
 
 def clear_contact_edits(action: bpy.types.Action) -> None:
-    """Let the next solve of a range detect all contacts again."""
+    """Forget a take's contact edits, so that the next solve of a range detects all contacts again."""
     action[EDITS], action[FORGETS] = "[]", True
 
 
 def has_contact_edits(action: bpy.types.Action) -> bool:
-    """Return whether the user has edited a take's contacts, including edits made before an earlier solve."""
+    """Return whether the user has edited a take's contacts, including edits that an earlier solve used."""
     if contact_edits(action):
         return True
     solves = None if action.get(FORGETS) else value_in(action.get("provenance", ""), "resolved")
@@ -142,7 +142,7 @@ def _bone_curves(action: bpy.types.Action | None, name: str) -> Iterator[tuple[s
 
 
 def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return (F,) scene frames and the confidence of the worst joint in each, or None for a take without them."""
+    """Return a take's (F,) scene frames and the lowest joint confidence in each frame, or None without confidence."""
     curve = next((c for c in action_curves(action) if c.data_path == _PATH), None)
     if curve is None:
         return None
@@ -156,7 +156,7 @@ def confidence_at(action: bpy.types.Action | None, frame: float) -> dict[str, fl
 
 
 def current_confidence(armature: bpy.types.Object) -> dict[str, float]:
-    """Return the confidence of each bone that has one, at the scene's current frame."""
+    """Return the confidence of each bone that has a confidence value, at the scene's current frame."""
     return {bone.name: float(bone[PROPERTY]) for bone in armature.pose.bones if PROPERTY in bone}
 
 

@@ -106,8 +106,8 @@ def merge_range(
 ) -> None:
     """Replace a range of an edited action by the new solution, and keep all other keys.
 
-    Limbs in ``placed`` have control keys in the solved action and keep their IK switches. All other limbs are posed by
-    FK inside the range.
+    Limbs in ``placed`` have keys on their IK controls in the solved action, so they keep their IK switches. All other
+    limbs switch to FK inside the range.
     """
     kept = {switch_path(limb) for limb in placed}
     new = {(curve.data_path, curve.array_index): curve for curve in action_curves(solved)}
@@ -134,7 +134,7 @@ def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
 
 
 def _replace(curve: bpy.types.FCurve, solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> None:
-    """Replace the old keys in a range by the solved keys. Sample sparse old curves next to the range."""
+    """Replace a curve's keys inside a range by the solved keys, and preserve the curve outside the range."""
     old, new = _read_keys(curve), _inside(solved, times, sign)
     if not len(old) or _is_constant(old, new):
         return
@@ -160,7 +160,7 @@ def _is_constant(old: np.ndarray, new: np.ndarray) -> bool:
 
 
 def _bridge(curve: bpy.types.FCurve, times: RangeTimes, kept: np.ndarray, *, before: bool) -> np.ndarray:
-    """Return keys between the range and the nearest old key that preserve the old motion there."""
+    """Return keys that preserve the old curve between a range and the nearest kept key before or after it."""
     near = times.first if before else times.last
     if len(kept):
         far = float(_times(kept)[-1 if before else 0])

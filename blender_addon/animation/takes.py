@@ -51,7 +51,7 @@ class SolvedAgain:
 
 
 def take_file(action: bpy.types.Action, key: str) -> Path:
-    """Return the path that a take stores under a key in ``PATHS``, or an empty path without one."""
+    """Return the path that a take stores under a key in ``PATHS``, or an empty path if the key is missing."""
     return file_of(action.get(key) or "", action.library)
 
 
@@ -72,7 +72,7 @@ def warnings_of_take(action: bpy.types.Action) -> Sequence[Diagnostic]:
 
 
 def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:
-    """Return the takes made from a capture file, or from ``original``, the file before its calibration was refined."""
+    """Return the takes made from a capture file, or from ``original``, the same capture before Refine Calibration."""
     if not capture_file:
         return []
     files = [file for file in (capture_file, original) if file]
@@ -121,7 +121,7 @@ def mark_as_asset(action: bpy.types.Action) -> None:
 
 
 def measured_key(action: bpy.types.Action) -> str:
-    """Return the key in ``PATHS`` of a take's source: its capture, or else its motion."""
+    """Return the key in ``PATHS`` of the file that a take was made from: its capture, or else its motion."""
     return "capture_file" if action.get("capture_file") else "motion_file"
 
 

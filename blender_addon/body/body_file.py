@@ -34,7 +34,7 @@ from .shown import SHOWN_FILE, Looks, Shapes, add_shown
 
 
 def _on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Convert the arrays of an SMPL-H or SMPL-X body to SMPL's joints. Skin with flat hands does not change."""
+    """Convert an SMPL-H or SMPL-X body's arrays to SMPL's joints. Without finger rotations, the skin is the same."""
     tree, count = np.asarray(arrays["kintree_table"]), _joint_count(arrays)
     if count not in FAMILY or FAMILY[count] is SMPL:
         return arrays
@@ -290,7 +290,7 @@ def body_path_of(provenance: str) -> Path:
 
 
 def require_body(motion: MotionFile, body: BodyFile) -> None:
-    """Check that a motion was solved for this body. A motion that names no body passes."""
+    """Raise ``BodyMismatch`` if a motion was solved for another body. A motion that names no body passes."""
     if motion.body and body.id and motion.body != body.id:
         message = f"The motion was solved with the body '{motion.body}', not '{body.id}'."
         raise BodyMismatch(message, where=motion.name, hint="Choose the body file of the solve.")
@@ -303,7 +303,7 @@ def pose_joints(rest: np.ndarray, rotvec: np.ndarray, transl: np.ndarray) -> tup
 
 
 def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
-    """Convert a motion's finger rotations from a flat hand to the body's own hand at rest."""
+    """Convert finger rotations relative to flat hands to rotations relative to the body's rest hands."""
     if not motion.flat_hands:
         return motion
     rotvec = motion.rotvec

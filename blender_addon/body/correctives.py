@@ -88,7 +88,7 @@ def _summed(tree: bpy.types.NodeTree, inner: bpy.types.NodeTree, angles: Any) ->
 
 
 def _displacement(tree: bpy.types.NodeTree, rotation: Any) -> Any:
-    """Return the sum of the vectors ``r_ab (R_ab - I_ab)`` over rows a and columns b."""
+    """Add nodes that sum the vectors ``r_ab (R_ab - I_ab)`` over rows a and columns b of the rotation R."""
     total: tuple[Any, ...] = ()
     for column in range(3):
         axis = [float(column == k) for k in range(3)]
@@ -142,7 +142,7 @@ def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
 def add_correctives(
     armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, hidden: bpy.types.Collection
 ) -> int:
-    """Add the body's pose correctives to a mesh, and return the number of joints."""
+    """Add the body's pose correctives to a mesh, and return the number of joints that have correctives."""
     if body.posedirs is None:
         return 0
     axes = np.asarray(rotation_from_body_axes(armature), np.float64)
@@ -166,10 +166,10 @@ def add_correctives(
 
 @once_a_body
 def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.ndarray, np.ndarray, list[int], bool]:
-    """Return a body's corrective table. Its right half is omitted if it mirrors the left half.
+    """Return a body's corrective table. If the body's right half mirrors the left half, its rows are omitted.
 
-    The other results are the (N, 3, 3, 3) vectors in the bones' axes, the (V,) row of each vertex, the joints in the
-    whole table, and whether the right half was omitted.
+    The other results are the vectors of the N rows in the bones' axes (N, 3, 3, 3), the first row of each vertex (V,),
+    the joints that have correctives, and whether the right half was omitted.
     """
     assert body.posedirs is not None
     table = corrective_table(body.posedirs)

@@ -131,7 +131,7 @@ def _add_bones(data: bpy.types.Armature, places: dict[str, np.ndarray]) -> None:
 
 
 def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceBone]) -> None:
-    """Set up the face controls. Drivers remove the shape sliders' offset from each deform bone, as for the head."""
+    """Set up the face controls. Like the head's deform bone, each deform bone ignores the shape sliders' offset."""
     data, bones = armature.data, armature.pose.bones
     shown = data.collections_all.get(_COLLECTION) or data.collections.new(_COLLECTION)
     axes = np.array(data.bones[_HEAD].matrix_local.to_3x3()).T @ R_ARMATURE_BODY
@@ -152,7 +152,7 @@ def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceB
 
 
 def _rest_when_blank(armature: bpy.types.Object, keys: bpy.types.Key) -> None:
-    """Add the constraints and drivers that keep a blank face's bones at rest, where they are missing."""
+    """Add missing constraints and drivers that keep the face bones at rest while the face is blank."""
     if (blank := LOOK_KEYS[MANNEQUIN]) not in keys.key_blocks:
         return
     bones = armature.pose.bones

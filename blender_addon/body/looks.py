@@ -153,7 +153,10 @@ def _attribute(look: str) -> str:
 
 
 def keep_shown(mesh: bpy.types.Object) -> None:
-    """Move the materials of a mesh that has its own data from the objects to the data, and remove the other looks."""
+    """Make the displayed look the only one, with its materials on the mesh data instead of the object.
+
+    No other object must use the mesh data.
+    """
     for slot in mesh.material_slots:
         material, slot.link = slot.material, "DATA"
         slot.material = material

@@ -28,7 +28,10 @@ def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray
 
 
 def _matched(count: int, first: list[int], second: list[int]) -> list[int]:
-    """Pair triangles greedily. Then split pairs where that lets two unmatched triangles find partners."""
+    """Choose disjoint pairs of triangles so that few triangles stay single. Return the indices of these pairs.
+
+    Pair greedily first. Then split a pair if both of its triangles can join single triangles instead.
+    """
     pair_of = [-1] * count
     edges: list[list[int]] = [[] for _ in range(count)]
     for pair, (a, b) in enumerate(zip(first, second, strict=True)):
@@ -106,7 +109,7 @@ def _face_materials(body: BodyFile) -> np.ndarray:
 
 @once_a_body
 def polygons_of(body: BodyFile) -> tuple[list[list[int]], np.ndarray, np.ndarray | None]:
-    """Return the polygons, their materials in each look (L, P), and texture coordinates (C, 2).
+    """Return P polygons, their materials (L, P) in each of L looks, and texture coordinates (C, 2) of their corners.
 
     Polygons are built from texture points, so that none of them crosses a seam.
     """

@@ -81,7 +81,7 @@ def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[
 
 
 def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float, _Driven]]:
-    """Find a few driven locations that combine linearly to this row. Return [] if there are none.
+    """Express ``row`` (change per beta) as a sum of a few driven locations with factors. Return [] if impossible.
 
     Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993) adds the most similar location in each step.
     """
@@ -106,7 +106,7 @@ def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float,
 
 
 def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
-    """Combine all related locations linearly to this row. Return [] unless this needs fewer terms than the betas."""
+    """Express ``row`` as a sum of related locations. Return [] if inaccurate or not shorter than the sum of betas."""
     if not related:
         return []
     rows = np.stack([d.row for d in related])

@@ -49,7 +49,7 @@ def shape_names(body: BodyFile) -> tuple[str, ...]:
 
 
 def _relative(more: dict[str, float], less: dict[str, float]) -> dict[str, float]:
-    """Return the relative difference of each measure, or 0 for a measure that is 0."""
+    """Return each body measure's relative difference between two shapes, or 0 if its mean is 0."""
     both = {name: (more[name] + less[name]) / 2 for name in more}
     return {name: (more[name] - less[name]) / mean if mean > 1e-6 else 0.0 for name, mean in both.items()}
 

@@ -24,7 +24,7 @@ def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.n
     """Return the arrays of the body that Blender shows, its facial shapes, and its looks.
 
     Facial shapes start from the relaxed face. Joints agree with the solver's joints to a micrometre. Raises
-    ``BodyInvalid`` if the file belongs to another body.
+    ``BodyInvalid`` if the file at ``path`` belongs to another body.
     """
     stored = read_arrays(path, required=("body_id", *_ROWS, *_FACE, *_LOOKS))
     vertices = len(arrays["v_template"])

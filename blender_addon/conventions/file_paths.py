@@ -33,8 +33,8 @@ def stored(path: Path | str, start: Path | None = None) -> str:
 def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
     """Return the file that a path property names, or its new location if the file was moved.
 
-    Files of an unsaved scene move when the scene is saved, and undo does not revert this. Files that older versions
-    stored with an absolute path may have moved together with their project folder.
+    Files of an unsaved scene move when the scene is saved, and undo does not revert this. Older versions stored
+    absolute paths. If such a file is missing, its new location is searched for next to the .blend file.
     """
     path = absolute(text, library)
     if not text or path.exists():

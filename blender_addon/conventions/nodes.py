@@ -51,7 +51,7 @@ def attribute(tree: bpy.types.NodeTree, name: str, kind: str) -> Any:
 
 
 def sample_index(tree: bpy.types.NodeTree, kind: str, geometry: Any, value: Any, index: Any) -> Any:
-    """Add a node that samples a geometry's value at a point index. It returns zero without such a point."""
+    """Add a node that samples a geometry's value at a point index. Its output is zero if the index is invalid."""
     inputs, settings = {"Geometry": geometry, "Value": value, "Index": index}, {"data_type": kind, "domain": "POINT"}
     return enabled(add_node(tree, "GeometryNodeSampleIndex", inputs=inputs, **settings).outputs)
 

@@ -109,7 +109,7 @@ def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Pro
 
 
 def _deviation(scene: bpy.types.Scene, subject: RenderedTake) -> tuple[float, float]:
-    """Return the largest distances in mm between Blender's and NumPy's joints, and between their skins."""
+    """Return how far in mm Blender's joints and skin are from the positions that NumPy computes."""
     take, last = subject.take, subject.motion.num_frames - 1
     frames = np.unique(np.linspace(0, last, _CHECKED_FRAMES).round().astype(int)).tolist()
     found = measure_deviation(scene, take.armature, take.mesh, subject.body, subject.motion, take.timing, frames)

@@ -24,7 +24,7 @@ _POLL_S = 0.05
 
 
 def pass_on(args: Namespace, progress: Progress, words: Sequence[str] = ()) -> CommandResult:
-    """Run the solver verb of the same name, with extra arguments and all remaining options."""
+    """Run the solver verb named ``args.verb``, with the extra arguments ``words`` and the options ``args.rest``."""
     result = run_solver(args.verb, [*words, *args.rest], progress, python=args.python)
     files = ("motion", "report", "subject", "markers_file")
     notes = [*result.get("problems", []), *result.get("notes", [])]
@@ -67,7 +67,7 @@ def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
 
 
 def command_line() -> list[str]:
-    """Return the command that starts this command line, in the running Blender or in Python."""
+    """Return the command that starts this product's command line, with the running Blender or with Python."""
     blender = getattr(getattr(sys.modules.get("bpy"), "app", None), "binary_path", "")
     return [blender, "--command", COMMAND] if blender else [sys.executable, "-m", _PACKAGE.name]
 

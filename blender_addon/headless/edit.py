@@ -18,7 +18,7 @@ from .result import CommandResult
 
 
 def run_edit(args: Namespace, progress: Progress) -> CommandResult:
-    """Write an edited copy of the current take. The result has no take name if no foot was planted."""
+    """Write an edited copy of the current take. Foot locking writes no copy if no foot is planted."""
     scene, armature = open_body(args)
     take, request = current_action(armature), request_of(scene)
     if take is None or not is_take(take):

@@ -64,7 +64,7 @@ class ImportLimits:
     seconds: float | None = None
 
     def of_file(self, path: Path, *, whole: bool = False) -> tuple[float, float]:
-        """Return the allowed memory in MB and time in seconds. ``whole`` means that the file is only opened."""
+        """Return the allowed memory in MB and seconds. With ``whole``, .blend files have no default memory limit."""
         size_mb = _size_mb(path)
         memory_mb = min(_LEAST_MB + _MB_PER_MB * size_mb, _MOST_MB)
         if path.suffix.lower() == ".blend":
@@ -117,7 +117,7 @@ def read_foreign_clips(path: Path, limits: ImportLimits, armature: str = "") -> 
 
 
 def open_foreign_scene(path: Path, limits: ImportLimits) -> bpy.types.Scene:
-    """Let a child process open a file, then open it here and return its scene."""
+    """Import a file in a child process with these limits, then open the result here and return its scene."""
     with TemporaryDirectory() as folder:
         _run("scene", path, Path(folder), limits)
         made = Path(folder) / "scene.blend"

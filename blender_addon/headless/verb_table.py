@@ -42,7 +42,7 @@ def _common() -> tuple[Setting, ...]:
 
 
 def run_here(args: Namespace, progress: Progress) -> CommandResult:
-    """Run the verb of a command line in this process, and add its run time."""
+    """Run the verb of a command line in this process, and add the run time to its result."""
     verb, start = VERBS[args.verb], time.monotonic()
     if verb.needs_blender:
         require_blender()

@@ -75,7 +75,7 @@ def bake_take(
     settings: BakeSettings | None = None,
     parent: bpy.types.Collection | None = None,
 ) -> BakedTake:
-    """Bake a motion and its capture into a new collection of the window's scene, in object mode."""
+    """Bake a motion and its capture into a new collection. The window must show the scene in object mode."""
     settings = settings or BakeSettings()
     require_body(motion, body)
     notes = _differences(motion, capture)

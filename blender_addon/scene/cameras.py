@@ -96,7 +96,7 @@ def _remember_footage(camera: bpy.types.Camera, fps: float) -> None:
 
 
 def laid_footage_rate(camera: bpy.types.Camera) -> float:
-    """Return the scene frame rate when the footage was placed."""
+    """Return the scene frame rate that a camera's footage was placed for."""
     return float(camera[_LAID])
 
 
@@ -120,7 +120,7 @@ CAMERA_NAME = "capture_camera"  # Custom property of a camera's data: the camera
 
 
 def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.types.Object:
-    """Create a camera with its name from the capture, and store its image size in custom properties."""
+    """Create a Blender camera from a capture's camera. Custom properties store its name and image size."""
     data = bpy.data.cameras.new(source.name)
     lens = lens_from_intrinsics(source.K, source.image_size)
     data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", SENSOR_WIDTH_MM, lens.focal_mm

@@ -91,7 +91,7 @@ def set_stage(
 def create_cameras(
     capture: CaptureFile, parent: bpy.types.Collection, timing: TakeTiming, *, backgrounds: bool = True
 ) -> tuple[tuple[bpy.types.Object, ...], tuple[str, ...]]:
-    """Create a capture's cameras with their footage. Return them and notes about missing footage."""
+    """Create a capture's cameras with their footage. Return the cameras, and notes about lenses and footage."""
     if not capture.cameras:
         return (), ()
     folder = child_collection("Cameras", parent)

@@ -30,10 +30,10 @@ _MOVED_M = 1e-3  # Joint distance from the motion file in metres above which obs
 def played_motion(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, *, with_place: bool = False
 ) -> MotionFile:
-    """Return the motion that a body's take plays on the armature's joints, with all edits below the user's layers.
+    """Return the motion of a body's take with the user's edits, but without the user's layers on top of the take.
 
-    Keys on the root control move the motion. ``with_place`` also applies a root transform that is not keyed. If the
-    body has moved away from the motion file, the observations from cameras and markers are dropped.
+    Keys on the root control move the motion. ``with_place`` also applies a root transform that is not keyed. If edits
+    moved any joint, the motion loses its camera and marker observations. The result has the armature's joints.
     """
     motion = read_motion(take_file(take, "motion_file"), whole=True)
     layout = layout_of(armature.data.bones)
@@ -95,9 +95,9 @@ def add_clip(
     *,
     with_place: bool = False,
 ) -> bpy.types.Action:
-    """Add a take that plays an edited motion, stored in its own motion file, and play it.
+    """Edit a take's motion, write the result to a new motion file, and play it as a new take.
 
-    If the root control is not keyed, it keeps its transform. See ``played_motion`` for ``with_place``.
+    If the root control has no keys, it keeps its transform. See ``played_motion`` for ``with_place``.
     """
     source = take_file(take, "motion_file")
     motion = edit(played_motion(scene, armature, take, with_place=with_place))

@@ -79,7 +79,7 @@ def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.ty
 
 
 def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
-    """Return whether a control poses any limb or finger in any frame, or whether a joint has no curve."""
+    """Return whether joint curves do not define the whole pose: IK or finger controls act, or a curve is missing."""
     if any((path, 0) not in curves for path, _, _ in pose_columns(layout_of(armature.data.bones))):
         return True
     if _turns_finger_controls(armature, curves):

@@ -31,7 +31,7 @@ _SAME = 1e-3  # Two keys closer than this, in scene frames, are on the same fram
 
 @dataclass(frozen=True)
 class Channels:
-    """Keys or sets the locations, rotations and IK switches of an armature."""
+    """Writes the locations, rotations and IK switches of an armature, as keys of an action or as the current pose."""
 
     armature: bpy.types.Object
     target: CurveTarget | None  # Curves of the action that is played, or None to set the pose.
@@ -67,7 +67,10 @@ class Channels:
 
 
 def channels_of(armature: bpy.types.Object) -> Channels:
-    """Return the channels of an armature's action, or of its pose. A linked action is an error."""
+    """Return the channels of an armature's current action, or of its pose if it plays no action.
+
+    Raises ``BodyInvalid`` if the action cannot be edited, for instance because it is linked.
+    """
     action = current_action(armature)
     if action is None:
         return Channels(armature, None, None)
@@ -153,8 +156,8 @@ def pose_from_ends(
 ) -> int:
     """Switch limbs to IK with keys that keep the motion, and return the number of frames.
 
-    With ``times``, only these scene frames get keys. The IK pose is sampled, and the turn bones get the difference, so
-    that joints keep their rotations. Raises ``BodyInvalid`` if these controls are missing or the action is linked.
+    ``times`` are the scene frames to key (None for all). IK alone does not reproduce the joints' rotations, so keys on
+    the turn bones add the difference. Raises ``BodyInvalid`` if the IK controls are missing or the action is linked.
     """
     channels = _channels(armature)
     channels = channels if times is None else replace(channels, times=times)
@@ -209,7 +212,7 @@ def switch_limbs(
 def take_switched(
     armature: bpy.types.Object, take: bpy.types.Action, switched: bpy.types.Action, to: str, limbs: Sequence[Limb]
 ) -> None:
-    """Move the limbs' keys from a switched copy into a take, and update the body that plays the take."""
+    """Move the limbs' keys into a take from its copy ``switched``, and update the body if it plays the take."""
     source, target = curve_target(switched), curve_target(take)
     assert source is not None and target is not None, "a take has a slot"
     for limb in limbs:

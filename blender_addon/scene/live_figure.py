@@ -173,7 +173,7 @@ def read_face_table(path: Path) -> dict[str, str]:
 
 
 class TakeSender:
-    """Sends a body's poses. The body is stored by name, because undo replaces objects."""
+    """Sends a body's poses over VMC. The body is stored by name, because undo replaces objects."""
 
     def __init__(self, armature: bpy.types.Object, address: VmcAddress) -> None:
         """Store the body's current proportions. Raise ``MocapError`` if the host or the body is unsuitable."""
@@ -189,7 +189,7 @@ class TakeSender:
         self._packets = PacketSender(address)
 
     def send(self, scene: bpy.types.Scene) -> str | None:
-        """Send the pose. Return the receiver's message, or None if the body no longer exists."""
+        """Send the pose. Return "" or a message about the receiver, or None if the body no longer exists."""
         armature = scene.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._joints) <= set(armature.pose.bones.keys()):
             return None

@@ -114,7 +114,7 @@ def labels_of(cloud: bpy.types.Object) -> list[str]:
 
 
 def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
-    """Colour every marker in every frame by its residual in a motion. Markers without one are plain."""
+    """Colour each marker in each frame by its residual in a motion, or neutrally without a residual."""
     labels = labels_of(cloud)
     grades = np.zeros((len(cloud.data.vertices) // len(labels), len(labels)), np.float32)
     if motion is not None and motion.marker_residual_mm is not None:

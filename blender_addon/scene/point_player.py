@@ -23,7 +23,7 @@ GRADE = "grade"  # Name of the point attribute that stores the index of a point'
 
 @dataclass(frozen=True)
 class PlayerSettings:
-    """The points that the modifier plays, and how they look."""
+    """Number, timing and materials of the points that a player shows."""
 
     points: int  # Points per row.
     rows: int
@@ -34,7 +34,7 @@ class PlayerSettings:
 
 
 def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
-    """Create the node group that plays a mesh of ``rows * points`` vertices."""
+    """Create the node group that plays a mesh of ``rows * points`` vertices, one row of points at a time."""
     geometry = ("Geometry", "IN", "Geometry"), (RADIUS, "IN", "Float"), ("Geometry", "OUT", "Geometry")
     tree = new_tree(name, *geometry)
     size = tree.interface.items_tree[RADIUS]
@@ -67,7 +67,7 @@ def played_rate(obj: bpy.types.Object) -> float:
 
 
 def played_row(obj: bpy.types.Object, frame: float) -> int:
-    """Return the row that an object shows at a scene frame. This repeats the computation of its node group."""
+    """Return the row that an object shows at a scene frame. Its node group computes the same."""
     return min(max(0, round((frame - _first_frame(obj)) * played_rate(obj))), _rows(obj) - 1)
 
 
@@ -91,7 +91,7 @@ def set_played_rate(obj: bpy.types.Object, rows_per_frame: float) -> None:
 
 
 def _rate_socket(obj: bpy.types.Object) -> Any:
-    """Return the socket of the rate, which is the only value that differs between groups."""
+    """Return the node socket that stores how many rows an object plays per scene frame."""
     tree = player_of(obj)
     assert tree is not None
     difference = next(node for node in tree.nodes if getattr(node, "operation", "") == "SUBTRACT")

@@ -119,7 +119,7 @@ def _select(layer: bpy.types.ViewLayer, chosen: list[bpy.types.Object], active: 
 
 @contextmanager
 def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
-    """Within a ``with`` block, move an armature into a temporary scene with another scene's frame rate."""
+    """Within a ``with`` block, show an armature alone in a temporary scene with the frame rate of ``scene``."""
     stage, window = bpy.data.scenes.new(armature.name), bpy.context.window
     shown = window and (window.scene, window.view_layer)
     stage.render.fps, stage.render.fps_base = scene.render.fps, scene.render.fps_base

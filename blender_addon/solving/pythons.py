@@ -47,7 +47,7 @@ def environment_folder(kind: str = "mediapipe") -> Path:
 
 
 def made_python() -> Path | None:
-    """Return the detector Python: the one set by a variable, the one that was set up, or the solver's."""
+    """Return the detector Python: from the environment variable, from *Set Up Detector*, or the solver's."""
     folders = (environment_folder(), backend_folder() / ".venv-mediapipe")
     named = os.environ.get("MANIFOLD_MOCAP_DETECTOR_PYTHON", "")
     candidates = [*([Path(named)] if named else []), *(folder / _BELOW for folder in folders)]

@@ -38,7 +38,7 @@ def safe_name(name: str) -> str:
 
 
 def capture_folder(base: Path, source: Path) -> Path:
-    """Return the folder for a capture's files. A checksum of the path in its name avoids clashes."""
+    """Return the folder for a capture's files. Its name contains a checksum of the source's path, to avoid clashes."""
     mark = zlib.crc32(str(source).encode("utf-8", "surrogatepass")) & 0xFFFF
     is_file = source.suffix.lower() in (".npz", ".txt", *MARKER_SUFFIXES)
     return base / f"{safe_name(source.stem if is_file else source.name)}_{mark:04x}"
@@ -61,7 +61,7 @@ def capture_root(path: Path) -> Path:
 
     Blender passes only the dropped files and never a folder. For a file that contains detections, a calibration or
     settings, the capture is its folder, or a parent folder that contains the detections of all cameras. Folders,
-    capture files, marker recordings, and text files without cameras around them are captures themselves.
+    capture files, marker recordings, and text files outside such folders are captures themselves.
     """
     if path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES):
         return path
@@ -123,7 +123,7 @@ class RoadStep:
 
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:
-    """Return the finished steps from videos in order, with their pictures inside the folder."""
+    """Return the finished steps from videos to a capture, in order. Pictures outside the folder are omitted."""
     from .._exchange.json_file import read_json_file  # registering must not load JSON
 
     path = folder / NAME

@@ -289,7 +289,7 @@ def _links() -> Iterator[_Link]:
 
 
 def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
-    """Return each file's new path. Number the new folder if it already has other files with these names."""
+    """Return each file's new path. If another file has this path, the new folder gets a number."""
     groups: dict[Path, tuple[Path, set[Path]]] = {}
     for path in paths:
         root = _root(path, base)
@@ -305,7 +305,7 @@ def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
 
 
 def _root(path: Path, base: Path) -> tuple[Path, Path] | None:
-    """Return the new and the current root folder of a file, or None if the file does not move."""
+    """Return the root folder that a file moves to and its current root folder, or None if the file stays."""
     sessions = sessions_folder()
     if path.is_relative_to(sessions) and len(path.relative_to(sessions).parts) > 1:
         return base / BESIDE, sessions / path.relative_to(sessions).parts[0]

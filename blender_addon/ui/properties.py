@@ -106,7 +106,10 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
         return ROWS[name].acts_in(self.method if self.preset == "CUSTOM" else DEFAULTS["method"])
 
     def values(self) -> dict[str, Any]:
-        """Return the settings for a job file: the preset's or user's method, and other non-default settings."""
+        """Return the settings for a job file.
+
+        They contain the method settings of the preset (or of the user), and all other settings that are not defaults.
+        """
         acting = tuple(name for name in CHOSEN_BY_PRESETS if self.acts(name))
         method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset.lower()]
         others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))

@@ -234,7 +234,7 @@ def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[
 
 
 def reading_options(properties: Any, listed: Mapping[str, str]) -> list[str]:
-    """Return the solver's options for all reading settings and list choices that differ from their defaults."""
+    """Return the solver's options for the reading settings, and for the menu choices in ``listed``."""
     plain = {name: _plain(row, getattr(properties, name)) for name, row in READING_ROWS.items()}
     return options_of(plain | dict(listed))
 

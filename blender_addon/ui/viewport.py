@@ -242,7 +242,7 @@ ghosts: list[Ghost] = []
 
 
 def ghost_of(review: bpy.types.PropertyGroup) -> Ghost | None:
-    """Return a body's ghost, unless it shows the current take or a deleted one."""
+    """Return a body's ghost, or None if it has none or if the ghost's take is the current one or was deleted."""
     armature, take = review.armature, review.take
     shown = next((ghost for ghost in ghosts if armature is not None and ghost.armature == armature.session_uid), None)
     if shown is None or take is None or shown.take == take.session_uid:

@@ -123,7 +123,7 @@ def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarra
 def _extent(
     local: np.ndarray, length: float, section: tuple[float, float], least: float = _LEAST_M
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centre and the half size, both (3,), of the skin along a section of its bone, margin included."""
+    """Return the centre (3,) and half size (3,) of the skin along a section of a bone, including a margin."""
     along = local[:, 1] / length
     inside = local[(along >= section[0]) & (along <= section[1])]
     points = inside if len(inside) > 2 else local

@@ -53,7 +53,7 @@ class Results:
 
     @contextmanager
     def made_by(self, engine: Engine) -> Iterator[None]:
-        """Within a ``with`` block, name the engine in the summary, and remember its description afterwards."""
+        """Within a ``with`` block, describe the engine in the summary. Afterwards, keep its last description."""
         self._engine = engine
         try:
             yield

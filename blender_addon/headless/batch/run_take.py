@@ -46,7 +46,7 @@ def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> Tak
 
 
 def recalled(work: Work, capture: Path) -> TakeRecord | None:
-    """Return the record of a finished or set-aside take, or None if steps remain."""
+    """Return the record of a take that is finished, or set aside after failed attempts, or None if steps remain."""
     folder = work.out / take_name(capture)
     known = read_record(folder)
     try:

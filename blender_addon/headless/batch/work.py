@@ -20,14 +20,14 @@ Plain = dict[str, Any]
 
 
 def to_plain(value: Any) -> Plain:
-    """Convert a data class to JSON values. Relative paths become absolute, except the path of a Python."""
+    """Convert a data class to JSON values. All paths become absolute, except the interpreter's path ``python``."""
     found = {item.name: getattr(value, item.name) for item in fields(value)}
     whole = {k: v.resolve() if isinstance(v, Path) and k != "python" else v for k, v in found.items()}
     return as_plain(whole)
 
 
 def from_plain(cls: Any, values: Plain, **others: Any) -> Any:
-    """Recreate a data class from the values of ``to_plain``. ``others`` already have their final types."""
+    """Recreate a data class from the values of ``to_plain``. ``others`` are fields to set as they are."""
     read = {"Path": Path, "Path | None": Path, "tuple[str, ...]": tuple}
     kinds = {item.name: read.get(str(item.type)) for item in fields(cls) if item.name not in others}
     given = [(name, kind, values[name]) for name, kind in kinds.items()]

@@ -201,7 +201,7 @@ def choose_nearest(
 
 @operator("Label Point", MARKERS, _SHOWN)
 def label_point(self: Any, context: bpy.types.Context) -> set[str] | None:
-    """Give the selected point this name here, and let the next solve name it in the frames around."""
+    """Give the selected point this marker name, which the next solve applies to the point's whole track."""
     from ...scene.overlay import marker_positions, played_row
 
     capture = context.scene.mocap.capture
@@ -238,7 +238,7 @@ def leave_camera_out(self: Any, context: bpy.types.Context) -> str | set[str]:
 
 
 class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
-    """Change the reading option behind this problem, and read the capture again."""
+    """Change the reading option that causes this problem, and read the capture again."""
 
     bl_label = "Read Again"
     needs = (IDLE,)

@@ -227,7 +227,7 @@ def _select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 
 @operator("Feet to Floor", TAKE, EDITABLE)
 def feet_to_floor(self: Any, context: bpy.types.Context) -> str | set[str]:
-    """Set Floor Offset so that the lower sole is on the floor in half of the frames."""
+    """Set Floor Offset so that the lowest point of the body is on the floor (median over the take)."""
     from ...review.ranges import sole_height
 
     review = context.scene.mocap.review

@@ -95,7 +95,7 @@ class MOCAP_OT_capture_from_videos(
         draw_video_settings(self.layout, context)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Start with the folder that contains the chosen file, or with a single video."""
+        """Make a capture from the videos in the chosen file's folder, or only from the chosen video."""
         chosen = absolute(self.filepath or self.directory)
         if self.files and self.files[0].name and self.directory:
             chosen = absolute(self.directory) / self.files[0].name
@@ -200,7 +200,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
     bl_options = base.OPENS | base.INTERNAL
 
     kind: choice("Detector", "Program that finds people in videos", "set_up_detector.kind")
-    wheels: path("Wheels", "Folder with wheels to install (leave blank to use the package registry)", folder=True)
+    wheels: path("Wheels", "Folder with Python packages (.whl) to install (leave blank to download them)", folder=True)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         from ...solving.pythons import detector_kind

@@ -117,7 +117,7 @@ def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: 
 
 
 def draw_waiting(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw where the takes of an unsaved .blend file are."""
+    """Draw a message that names the folder with the takes of an unsaved .blend file."""
     if folder := waits_for_saving(context.scene):
         text = f"This file is not saved. Its takes are in {folder} until you save it."
         wrapped(layout, context, text, "INFO")

@@ -39,7 +39,7 @@ class Ended:
 
 
 class Engine(Protocol):
-    """An engine that processes takes, possibly several at a time."""
+    """Interface of the engines that process the takes of a batch, possibly several at a time."""
 
     tries: int  # Number of attempts at a take before it is set aside.
 

@@ -117,7 +117,7 @@ class ClusterEngine(Engine):
             raise
 
     def free(self) -> int:
-        """Return the number of takes that can be sent to workers, so that one runs and one waits per thread."""
+        """Return how many more takes the workers can receive: one to run and one to wait per thread."""
         return (1 if self._stretches else _AHEAD) * self._workers.threads - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
@@ -246,7 +246,7 @@ class ClusterEngine(Engine):
         return Ended(one.ticket, LOST)
 
     def _begin_anew(self) -> list[Ended]:
-        """Reconnect after the scheduler was lost, and return the takes that it had."""
+        """Reconnect after the scheduler was lost, and return the takes that were running on it."""
         self._workers.note("The scheduler was lost and came back. Its takes were restarted.")
         lost = [Ended(one.ticket, LOST) for one in self._running.values()]
         self._running.clear()
@@ -380,10 +380,9 @@ class Workers:
                 self.note(f"{clock}, which affects only the times of files.")
 
     def require_some(self, patience_s: float | None = None) -> None:
-        """Raise ``WorkersUnsuitable`` if there has not been a suitable worker for too long.
+        """Raise ``WorkersUnsuitable`` if there has been no suitable worker for ``patience_s`` seconds.
 
-        Raises:
-            WorkersUnsuitable: no worker was suitable. The message contains the first reasons.
+        The message contains the reasons for up to three workers. None means the engine's patience.
         """
         if self.good:
             self._without = None

@@ -24,7 +24,7 @@ class LocalCluster:
 
     Args:
         workers: number of workers, with one thread each.
-        memory_mb: memory of all takes together in megabytes, or None to declare none.
+        memory_mb: megabytes that all workers together declare to Dask as their memory, or None.
         folder: working folder of Dask.
     """
 
