@@ -83,7 +83,7 @@ def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
 
 
 def _inside(data: memoryview, *kinds: bytes) -> memoryview:
-    """Follow a path of MP4 box types. Return the content of the last box, or no bytes."""
+    """Follow a path of MP4 box types. Return the content of the last box, or no bytes if a box is missing."""
     for kind in kinds:
         data = next((content for found, content in _boxes(data) if found == kind), memoryview(b""))
     return data

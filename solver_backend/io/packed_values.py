@@ -271,7 +271,7 @@ def _values(data: bytes, kind: Any, count: Any) -> np.ndarray:
 
 
 def _loaded(data: Any = b"", *_: Any) -> Any:
-    """Read a tensor storage that a plain pickle contains as the bytes of a PyTorch file."""
+    """Read a tensor's storage that a pickle contains as the bytes of a PyTorch file."""
     return _older_torch(bytes(data), Path("tensor"), least=0)
 
 

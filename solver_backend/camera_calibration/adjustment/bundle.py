@@ -285,7 +285,7 @@ class _Equations:
         return cls(U, V, pair.reshape(B, C * P, J_body.shape[-1]), by_camera.ravel(), by_body)
 
     def solved(self, free: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the damped step of all cameras (CP,) and of all bodies, (B, 6) or (B, 3)."""
+        """Solve the damped normal equations. Return the steps of all cameras (C P,) and all bodies (B, 3 or 6)."""
         V_inverse, W, S, g = self._reduced(free, damping)
         diagonal = np.einsum("ii->i", S)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(free.T @ self.U @ free), 1e-12))

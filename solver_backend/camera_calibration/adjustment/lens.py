@@ -205,7 +205,7 @@ def planar_pose(
 
 
 def _centred(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Move and scale points to zero mean and a mean distance of √2 from it. Also return the matrix (3, 3) for this."""
+    """Centre points at the origin, and scale their mean distance from it to √2. Also return the matrix (3, 3)."""
     mean = points.mean(0)
     scale = np.sqrt(2.0) / max(float(np.linalg.norm(points - mean, axis=1).mean()), 1e-12)
     return (points - mean) * scale, np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])

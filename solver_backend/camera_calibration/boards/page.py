@@ -141,7 +141,7 @@ def svg(page: Page) -> str:
 
 
 def pdf(page: Page) -> bytes:
-    """Return the page as a PDF 1.4 file. A matrix converts millimetres with Y down to points with Y up.
+    """Return the page as a PDF 1.4 file. Millimetres with Y down are converted to PDF points with Y up.
 
     Reference: ISO 32000-1, 7.5 (file structure), 8.5 (paths).
     """

@@ -110,7 +110,7 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
 
 
 def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
-    """Return unknowns for all poses and lens parameters, except distortion coefficients that are zero."""
+    """Mark all poses and lens parameters as unknown, except distortion coefficients that are zero."""
     fitted = [np.flatnonzero(lens.distortion) for lens in lenses]
     default = LENS_MODELS["radial2"].fitted
     free = np.stack([lens_mask(used if len(used) else default, centre=True) for used in fitted])
@@ -308,7 +308,7 @@ def _measured_lenses(
 ) -> dict[str, CameraLens]:
     """Calibrate each unknown lens from its intrinsic footage, or else from the extrinsic footage.
 
-    All lenses get the distortion model of the known lenses, or else the model that predicts best.
+    All lenses get the distortion model of the known lenses, or else the model with the best prediction.
     """
     wanted = [name for name in footage.extrinsic if name not in known]
     found = calibrate_lenses({n: footage.lens[n] for n in wanted if n in footage.lens}, board, options, progress)

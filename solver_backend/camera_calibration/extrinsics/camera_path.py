@@ -302,7 +302,7 @@ def _posed(
 
 
 def _adjusted(camera: Cameras, poses: Poses, window: list[int], keys: list[int], tracks: Tracks, noise: float) -> Poses:
-    """Adjust the poses of a window's keyframes. The first keyframe is fixed, and the second in a partial window."""
+    """Adjust the poses of a window's keyframes. The first one stays fixed, and in a partial window also the second."""
     R, t = (np.stack([poses[key][part] for key in window]) for part in (0, 1))
     cameras = build_cameras([str(key) for key in window], [lens_of(camera, 0)] * len(window), R, t)
     sigma_px = noise * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))

@@ -284,7 +284,7 @@ def _errors(found: Adjusted, sources: Sequence[Evidence]) -> Iterator[tuple[Evid
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
-    """Return the ratio of each source's errors to its expected standard deviations."""
+    """Return the ratio of the measured errors to the expected standard deviations for each source."""
     factors = (FREEDOM * float(np.nanmedian(far / e.seen.sigma)) / 1.1774 for e, far in _errors(found, sources))
     return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for e, s in zip(sources, factors, strict=True)]
 

@@ -31,7 +31,7 @@ Solution = TypeVar("Solution")
 def _improved(
     best: Solution, refit: Callable[[Solution], Solution], cost: Callable[[Solution], float], rounds: int
 ) -> Solution:
-    """Repeat a reweighted fit, each time from the previous solution, as long as the cost decreases."""
+    """Repeat a reweighted fit, starting from the previous solution, until the cost no longer decreases."""
     for _ in range(rounds):
         other = refit(best)
         if cost(other) >= cost(best):

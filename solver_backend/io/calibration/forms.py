@@ -58,7 +58,7 @@ def cameras_in_tree(stem: str, tree: Any) -> Content:
 
 
 def _nodes(stem: str, tree: Any, shared: Values) -> Content:
-    """Find the cameras in a tree: the tree itself, its nodes, or the entries of its lists."""
+    """Find the cameras in a tree. A camera is the tree itself, one of its nodes, or an entry of a list."""
     if (camera := _camera(tree, shared)) is not None:
         values, unit, up_axis = camera
         return Content(_stacked(values) or [(stem, values)], unit, up_axis)

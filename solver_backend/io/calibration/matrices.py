@@ -128,7 +128,7 @@ def _keys(path: Path, tree: Any) -> str:
 
 
 def _of_arrays(path: Path) -> Any:
-    """Read the arrays of an .npz file. Stacked arrays become one node per camera."""
+    """Read the arrays of an .npz file. If arrays have one entry per camera, they are split into one node per camera."""
     if "format" in array_names(path):  # our own formats have their own readers
         return {}
     known = {name for names in SPELLINGS.values() for name in names}

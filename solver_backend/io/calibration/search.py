@@ -193,7 +193,7 @@ def _others_of_more(
 
 
 def _assigned_by_views(found: Calibration, recorded: Sequence[str], **calibrated: Any) -> Calibration:
-    """Rename a calibration's cameras to the recorded names. Report which camera got which name as a problem."""
+    """Rename a calibration's cameras to the recorded names. Add a problem that lists the pairs of names."""
     pairs = [f"{name} is {camera}" for name, camera in zip(recorded, found.cameras.names, strict=True)]
     assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, **calibrated)
     return replace(found, problems=(*found.problems, assigned))

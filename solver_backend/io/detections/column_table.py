@@ -359,7 +359,7 @@ def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
 
 
 def _lines(path: Path) -> People:
-    """Read points (K, 3) from each line. An extra number after the last point is a track number."""
+    """Read a person's points (K, 3) from each line. An extra number after the last point is a track number."""
     try:
         lines = [np.array(line.split(), dtype=np.float64) for line in read_text(path).splitlines() if line.strip()]
         points = [line[_BOX:] for line in lines]

@@ -179,7 +179,7 @@ def listed_people(document: Any) -> list[Any] | None:
 
 
 def _several(document: dict[str, Any]) -> list[Any] | None:
-    """Split points (P, K, 2) and scores (P, K) of everyone into one entry per person, or return None."""
+    """Split points (P, K, 2) and scores (P, K) of P people into one entry per person. Return None for other content."""
     people = _points_of(document)
     if not people or not all(isinstance(person, list) and person for person in people):
         return None
@@ -422,7 +422,7 @@ def _is_by_camera(document: Any) -> bool:
 def cameras_in_document(document: Any) -> tuple[str, ...]:
     """Return the camera names in a document of several cameras, or () for one camera.
 
-    They are the folders in the image names, or the keys of the frame lists.
+    The names are the image folders, or the keys of the frame lists.
     """
     if _is_by_camera(document):
         return tuple(document)

@@ -227,7 +227,7 @@ def _array(root: Path) -> dict[str, CameraSource]:
 
 
 def _runs(root: Path) -> dict[str, CameraSource]:
-    """Find the cameras in Ultralytics runs, by video. Reading a video with two runs raises an error."""
+    """Find the cameras in Ultralytics runs, by video. The reader of a video with two runs raises an error."""
     folders: dict[str, list[Path]] = {}
     for labels in sorted({path for pattern in _RUNS for path in root.glob(pattern)}, key=lambda p: natural_key(str(p))):
         for name in column_table.files_of_cameras(labels):
@@ -241,7 +241,7 @@ def _runs(root: Path) -> dict[str, CameraSource]:
 
 
 def _opencap(root: Path) -> dict[str, CameraSource]:
-    """Find the cameras in an OpenCap session. Reading a session with several trials raises an error."""
+    """Find the cameras in an OpenCap session. If it has several trials, the reader of a camera raises an error."""
     found, videos = dict[str, CameraSource](), root / _VIDEOS
     for camera in sorted(videos.iterdir(), key=lambda p: natural_key(p.name)) if videos.is_dir() else ():
         outputs = sorted(output for output in camera.glob(_OUTPUT) if output.is_dir()) if camera.is_dir() else ()

@@ -65,7 +65,7 @@ class _Columns(NamedTuple):
 
     @classmethod
     def of(cls, header: Sequence[Sequence[str]], path: Path) -> _Columns:
-        """Read the header rows from the row of types to the row of axes."""
+        """Parse the header of a Motive file, from the row of types to the row of axes."""
         lower = [[cell.lower() for cell in row] for row in header]
         kinds = ((i, cell) for i, row in enumerate(lower) for cell in row)
         at = next((i for i, cell in kinds if cell in _KNOWN_TYPES or cell.endswith(f" {_MARKER}")), None)
@@ -172,7 +172,7 @@ def _motive_bodies(
 
 
 def _motive_poses(bodies: Mapping[str, tuple[int, int]], values: np.ndarray) -> RigidBodies:
-    """Return the poses of rigid bodies in F rows. A body is NaN in rows without a valid quaternion."""
+    """Return the poses of rigid bodies in F frames. A body is NaN in frames without a valid quaternion."""
     places = triples(values, [place for _, place in bodies.values()])
     quat = np.stack([values[:, [turn + 3, turn, turn + 1, turn + 2]] for turn, _ in bodies.values()], axis=1)
     length = np.linalg.norm(quat, axis=-1, keepdims=True)
@@ -374,7 +374,7 @@ def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
 
 
 def _rotations(numbers: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the rotations (F, B, 3, 3) of B bodies, stored by columns or by rows as Rot[0] to Rot[8]."""
+    """Return the rotations (F, B, 3, 3) of B bodies. A file may list the nine elements by columns or by rows."""
     columns = np.nan_to_num(numbers[..., 7:]).reshape(*numbers.shape[:2], 3, 3)
     angles = np.moveaxis(np.radians(np.nan_to_num(numbers[..., 3:6])), -1, 0)
     x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(angles, np.eye(3), strict=True))

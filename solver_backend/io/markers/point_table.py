@@ -67,7 +67,8 @@ def read_point_table(path: Path) -> MarkerSource:
 def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
     """Return the index of the first line with numbers, the headings, the first column of each point, and the unit.
 
-    Long tables have no columns for individual points. The result is None if the lines contain no point headings.
+    A long table, with one row per point and frame, has no columns for individual points. The result is None if the
+    lines contain no point headings.
     """
     for at, line in enumerate(lines):
         cells = cells_of(line, delimiter_of(line))
@@ -120,7 +121,7 @@ def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -
 def _from_long(
     rows: list[list[str]], headings: Sequence[str], first: int, path: Path
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Read a long table. Return the first row of each frame, positions (F, M, 3) and labels."""
+    """Read a table with one row per point and frame. Return each frame's first row, positions (F, M, 3) and labels."""
     key = next(i for i, heading in enumerate(headings) if heading in _NAMES)
     names = [row[key].strip() if key < len(row) else "" for row in rows]
     axes = [headings.index(axis) for axis in "xyz"]

@@ -89,7 +89,7 @@ def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
 
 
 def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, str]:
-    """Return the rotation vectors of root, body and fingers (or None), and the name of the body model."""
+    """Return the rotation vectors of root, body and fingers (None without fingers), and the name of the body model."""
     body = np.zeros((frames, 3 * (NUM_JOINTS - 1)))
     if "poses" in fields:
         poses = fields.numbers("poses", (frames, None))

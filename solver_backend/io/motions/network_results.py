@@ -387,8 +387,9 @@ def _generated(program: str, name: str, joints: np.ndarray) -> NetworkResult:
 def joints_of_vectors(vectors: np.ndarray, where: str = "") -> np.ndarray:
     """Convert HumanML3D vectors (F, 263) to joints (F, 22, 3) in metres with Y up.
 
-    From one frame to the next, the root rotates by ``2 r`` about Y and moves by (x, z) in its own axes. Joints are
-    relative to the root's ground position and heading (Guo et al. 2022, section 5).
+    The first four values are r, x, z and the root's height. From one frame to the next, the root rotates by ``2 r``
+    about Y and moves by (x, z) in its own axes. Joints are relative to the root's ground position and heading (Guo et
+    al. 2022, section 5).
 
     Raises:
         NonFiniteData: a root or joint value is not a number.

@@ -354,9 +354,9 @@ def _rays(camera: Cameras, px: np.ndarray) -> np.ndarray:
 
 
 def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray, float]:
-    """Estimate the rotation between two sets of rays robustly. Also return the median residual in px.
+    """Robustly estimate the rotation between two sets of rays. Also return the median residual in px.
 
-    Each pass is Kabsch's (1976) solution with Geman-McClure weights from the previous pass.
+    Each iteration is Kabsch's (1976) solution with Geman-McClure weights from the previous iteration.
     """
     R, weight, off = np.eye(3), np.ones(len(now)), np.zeros(len(now))
     for scale in SCALES_PX:

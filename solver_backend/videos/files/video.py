@@ -260,7 +260,7 @@ def decoded_pictures(path: Path) -> Iterator[Decoded]:
 
 
 def _decoded(path: Path) -> Iterator[Decoded | None]:
-    """Yield what ``decoded_pictures`` yields, and None for each damaged image."""
+    """Yield the same as ``decoded_pictures``, and None for each damaged image."""
     av = library()
     with opened(path) as container:
         stream = video_stream(container)

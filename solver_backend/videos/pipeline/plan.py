@@ -198,6 +198,6 @@ class Steps:
         return [self._rows[step] for step in STEPS if step in self._rows]
 
     def lines(self) -> dict[str, str]:
-        """Return a line of text for each finished step."""
+        """Return a line of text for each finished step, by step name."""
         done = [step for step in STEPS if step in self._rows]
         return {step: f"{self._rows[step]['state']}: {' '.join(map(sentence, self._found[step]))}" for step in done}

@@ -117,7 +117,7 @@ def _cameras(head: dict[str, Any], R: np.ndarray, t: np.ndarray) -> Cameras:
 def _view(
     seen_s: np.ndarray, xy: np.ndarray, confidence: np.ndarray, frames: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Resample one view at regular times. Return pixels (F, K, 2) and confidences (F, K)."""
+    """Resample one view's detections at the frame times. Return pixels (F, K, 2) and confidences (F, K)."""
     there = np.flatnonzero(np.isfinite(seen_s))
     there = there[np.concatenate([[True], np.diff(seen_s[there]) > 1e-4])] if len(there) else there
     placed = partial(at_times, times_s=seen_s[there], wanted_s=frames)

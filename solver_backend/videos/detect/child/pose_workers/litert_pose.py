@@ -34,7 +34,7 @@ LICENCE = "Apache-2.0"  # Licence of all known models.
 
 
 class LiteRtModel:
-    """A MediaPipe model with a single input tensor. Its SHA-256 hash must be known."""
+    """A MediaPipe model with a single input tensor. Only models with a known SHA-256 hash are accepted."""
 
     def __init__(self, path: Path, known: dict[str, str], package: str, widths: list[int]) -> None:
         """Load a model, and check that its first outputs have the numbers of elements in ``widths``."""

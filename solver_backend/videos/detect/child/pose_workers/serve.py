@@ -41,7 +41,10 @@ class PoseDetector(Protocol):
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
-    """Answer requests on standard input until it ends. Libraries print to standard error. Return the exit code."""
+    """Answer requests on standard input until it ends. Return the exit code.
+
+    The output of libraries is redirected to standard error.
+    """
     pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
