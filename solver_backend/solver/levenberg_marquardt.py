@@ -207,7 +207,8 @@ def levenberg_marquardt(
 def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
     """Return the next step's damping, smaller after a good step and larger after a bad one.
 
-    A rejected step increases the damping only for parts that became worse and for their next parts.
+    In a problem of several parts, a rejected step increases it only for each part that became worse and for the part
+    after it.
     """
     xp = array_namespace(damping)
     if damping.ndim == 1 or damping.shape[1] == 1:
