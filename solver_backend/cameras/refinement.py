@@ -161,7 +161,8 @@ def _with_hands(
 def _in_the_same_world(cameras: Cameras, points: np.ndarray, where: np.ndarray) -> Cameras:
     """Move cameras by the similarity transform ``x ↦ s Q x + q`` that maps (N, 3) points to their positions ``where``.
 
-    A camera ``x_cam = R x + t`` becomes ``R' = R Qᵀ``, ``t' = s t - R' q``, so that its image stays the same.
+    A camera ``x_cam = R x + t`` becomes ``R' = R Qᵀ``, ``t' = s t - R' q``, so that it projects the moved points to
+    the same pixels.
     """
     both = np.isfinite(points).all(-1) & np.isfinite(where).all(-1)
     s, Q, q = umeyama(points[both], where[both], with_scale=True)

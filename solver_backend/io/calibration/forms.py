@@ -237,7 +237,7 @@ def _blender(values: Values) -> Values | None:
 
 
 def _fit3d(values: Values) -> Values | None:
-    """Read a Fit3D camera: ``x_cam = R (x - T)``, focal lengths, principal point, k1 k2 k3 and p1 p2."""
+    """Read a Fit3D camera with ``x_cam = R (x - T)``, or return None for other cameras."""
     lens, outer = values.get("intrinsics_w_distortion"), values.get("extrinsics")
     if not isinstance(lens, Mapping) or not isinstance(outer, Mapping) or not {"R", "T"} <= outer.keys():
         return None

@@ -54,7 +54,7 @@ def read_qualisys(path: Path) -> StatedCameras:
 
 
 def _in_whole_pixels(entry: CameraEntry) -> bool:
-    """Return whether intrinsics that were read in 1/64 pixel fit the image size only if they are in whole pixels."""
+    """Return whether a file's intrinsics are in whole pixels, because in 1/64 pixel they do not fit the image size."""
     assert entry.image_size is not None
     middle = 0.5 * np.array(entry.image_size)
     return bool((np.abs(SUBPIXELS * entry.K[:2, 2] - middle) < 0.5 * middle).all() and entry.K[0, 2] < middle[0] / 8)

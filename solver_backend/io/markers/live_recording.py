@@ -36,7 +36,7 @@ DEFAULT_RATE = 120.0  # Frames per second if a recording has no time stamps, cho
 
 @dataclass(frozen=True)
 class LiveBlock:
-    """One frame of live points, stored as a block."""
+    """One frame of points in a live recording, which is a sequence of blocks."""
 
     time: float  # Time stamp in seconds on the source's clock.
     points: np.ndarray  # (N, 3) float32 in the source's unit and axes.

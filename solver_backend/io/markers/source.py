@@ -71,5 +71,5 @@ class MarkerSource:
 
 
 def left_out_note(outputs: int) -> tuple[Diagnostic, ...]:
-    """Report points that were not read because they are not positions, if there are any."""
+    """Report how many ``outputs`` of a file were not read because they are not positions, such as joint angles."""
     return (diagnostic("parts_not_read", kind="outputs", count=outputs),) if outputs else ()

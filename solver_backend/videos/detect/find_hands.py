@@ -210,9 +210,10 @@ def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, 
 
 
 def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float[np.ndarray, "views 2"]:
-    """Return scale factors (C, 2) from calibrated images to footage, or 1 if the aspect ratios differ.
+    """Return scale factors (C, 2) from calibrated images to footage, or 1 if their aspect ratios differ.
 
-    Calibrations refer to the displayed or to the stored images. Their aspect ratios differ if pixels are not square.
+    The footage has a displayed and a stored size, which differ if pixels are not square. A calibration may refer to
+    either of them.
     """
     scale = np.ones((len(cameras), 2))
     for view, video in enumerate(videos):
