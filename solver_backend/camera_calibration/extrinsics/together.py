@@ -290,11 +290,7 @@ def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
-    """Report the cameras that contradict a source.
-
-    In the joint adjustment, their error ``after`` (C,) is much larger than their error ``before`` (C,) from this source
-    alone.
-    """
+    """Report cameras with a much larger error jointly (``after``) than with this source alone (``before``)."""
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     found = []
