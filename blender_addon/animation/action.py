@@ -116,7 +116,7 @@ def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.nda
 def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
     """Return (F, 3 + 4 J) channels: the pelvis location in metres, then a quaternion (wxyz) per bone.
 
-    Channels are in the rest axes of each bone. If the motion has a root, they are relative to the root control.
+    Channels are in the rest axes of each bone, and do not include the motion of the root control.
     """
     motion = without_root(motion)
     rotvec = rotvec_on(motion, layout_of(armature.data.bones))

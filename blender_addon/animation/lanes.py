@@ -167,6 +167,6 @@ def resting_at(action: bpy.types.Action | None, times: np.ndarray) -> dict[str, 
 
 
 def resting_bones(armature: bpy.types.Object, frame: float) -> frozenset[str]:
-    """Return the bones without a measurement of their joint at a scene frame of the armature's take."""
+    """Return the bones with a joint that was not measured at a scene frame of the armature's take."""
     found = resting_at(current_action(armature), np.array([frame]))
     return frozenset(name for name, rests in found.items() if rests[0])

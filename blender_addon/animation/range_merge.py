@@ -86,7 +86,7 @@ class RangeTimes:
         return (times > self.first - _NEAR) & (times < self.last + _NEAR)
 
     def between(self, after: float, before: float) -> np.ndarray:
-        """Return the take's frames between two times, without the times themselves."""
+        """Return the scene frames of the take's frames that are strictly between two times."""
         low, high = (int(np.ceil(round((t - self.first) / self.step, 3))) for t in (after, before))
         frames = self.first + self.step * np.arange(low, high)
         return frames[(frames > after + _NEAR) & (frames < before - _NEAR)]
@@ -123,7 +123,7 @@ def merge_range(
 
 
 def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
-    """Return the sign (1 or -1) of each new quaternion curve that makes it continue the old curve."""
+    """Return a sign (1 or -1) per quaternion. Multiplied by it, the new curves continue the old ones without a flip."""
     before = times.first - times.step
     products: dict[str, float] = {}
     for (path, index), curve in new.items():

@@ -59,7 +59,7 @@ def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: Body
 
 @once_a_body
 def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[_Driven, list[tuple[float, _Driven]]]]:
-    """Return each bone location that the betas change, and the earlier locations that can drive it.
+    """Return each bone location that the betas change, and a weighted sum of earlier locations that can drive it.
 
     Args:
         names: names of N bones: first each bone that moves relative to its parent, then the deform bone of each joint.

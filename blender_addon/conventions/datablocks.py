@@ -79,7 +79,7 @@ def set_input(modifier: bpy.types.NodesModifier, name: str, value: Any) -> None:
 
 
 def add_driver(owner: bpy.types.bpy_struct, path: str, axis: int = -1) -> bpy.types.Driver:
-    """Add a driver to a property or an array element, without a curve that changes the driver's value."""
+    """Add a driver to a property or an array element, without modifiers or keys that change the driver's value."""
     curve = owner.driver_add(path, axis)
     for modifier in tuple(curve.modifiers):  # only before Blender 5
         curve.modifiers.remove(modifier)

@@ -22,7 +22,7 @@ class TakeTiming:
         return self.start + np.arange(count) * (1.0 if abs(step - 1) < 1e-6 else step)
 
     def last_frame(self, count: int, fps: float) -> int:
-        """Return the last scene frame of ``count`` frames, rounded up."""
+        """Return the scene frame of the last of ``count`` take frames, rounded up."""
         return int(np.ceil(self.scene_frames(count, fps)[-1] - 1e-3))
 
 

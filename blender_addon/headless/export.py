@@ -57,7 +57,7 @@ def _baked(args: Namespace, progress: Progress) -> tuple[bpy.types.Scene, bpy.ty
 
 
 def open_body(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    """Open a Blender file. Return its scene and the named armature, or else the animated one."""
+    """Open a Blender file. Return its scene and the armature ``args.armature``, or the only animated armature."""
     scene = open_scene(args.source) if args.own else open_foreign_scene(args.source, limits_of(args))
     found = {o.name: o for o in scene.objects if o.type == "ARMATURE" and (args.own or o.animation_data is not None)}
     chosen = [args.armature] if args.armature else list(found)

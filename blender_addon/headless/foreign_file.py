@@ -96,7 +96,7 @@ def limits_of(args: Namespace) -> ImportLimits:
 
 
 def write_skeleton_of(path: Path, folder: Path, limits: ImportLimits, armature: str = "", action: str = "") -> Path:
-    """Write the skeleton file of a clip to a folder and return its path."""
+    """Convert a clip to a file that the solver reads as a moving skeleton, and return the file's path."""
     _run("skeleton", path, folder, limits, armature=armature, action=action)
     return (folder / _NAMES.format(0)).rename(folder / f"{path.stem}.npz")
 

@@ -220,7 +220,10 @@ def keep_edits(
     first: int,
     last: int,
 ) -> bpy.types.Action:
-    """Play a take with the frames first to last from the new solve and all other frames from the edited take."""
+    """Merge a new solve into a copy of an edited take, and play the result in place of the solved take.
+
+    Frames from ``first`` to ``last`` come from ``solved``, and all other frames from ``former``.
+    """
     rate, start = laid_rate(solved), float(solved["frame_start"])
     step = rate / float(solved["fps"])
     merged = former.copy()

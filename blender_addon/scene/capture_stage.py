@@ -138,7 +138,7 @@ def _ground_points(capture: CaptureFile) -> np.ndarray:
 def replace_stage(
     scene: bpy.types.Scene, stage: CaptureStage, former: list[bpy.types.Object | None], collection: bpy.types.Collection
 ) -> CaptureStage:
-    """Update the previous stage's objects to match a new stage, and keep the user's changes."""
+    """Update a capture's existing objects with the data of a new stage, and keep the user's changes."""
     new = [*stage.cameras, *stage.overlays, stage.floor]
     kept = [_kept(scene, old, obj, collection) for old, obj in zip(former, new, strict=True)]
     for child in stage.collection.children:

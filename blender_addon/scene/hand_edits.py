@@ -46,7 +46,7 @@ def edited_frames(
 
 
 def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
-    """Return the scene frames (F,) of a take's frames."""
+    """Return the scene frames (F,) at which a take shows the frames of its motion."""
     return TakeTiming(float(take["frame_start"]), laid_rate(take)).scene_frames(motion.num_frames, motion.fps)
 
 

@@ -81,7 +81,7 @@ _FACTORY = (24.0, 250, 1920, 1080, 100)  # Frame rate, last frame and resolution
 
 
 def is_untouched(scene: bpy.types.Scene) -> bool:
-    """Return whether a scene is unchanged since Blender started, so that no user's choice can be lost."""
+    """Return whether a scene is unchanged since Blender started. Its settings can then be replaced."""
     render = scene.render
     size = render.resolution_x, render.resolution_y, render.resolution_percentage
     return (

@@ -222,7 +222,7 @@ _MOST_FOLDERS = 20_000  # Largest number of folders to search. Chosen by hand.
 
 
 def missing_links() -> list[_Link]:
-    """Return the stored paths of captures and takes that no longer exist."""
+    """Return the stored paths of missing files or folders of captures and takes."""
     made = ("folder", "results", "session")  # these are created when needed
     return [link for link in _links() if link.text and link.key not in made and not file_of(link.text).exists()]
 

@@ -175,7 +175,7 @@ class MocapVideos(
         return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
 
     def take_steps(self, folder: str) -> None:
-        """Show the steps that have results in a folder, and keep which steps the user expanded."""
+        """Show the steps that have results in a folder. Steps that the user has expanded stay expanded."""
         from ..solving.take_paths import read_road
 
         opened = {step.name for step in self.steps if step.open}

@@ -101,7 +101,7 @@ def _draw_cameras() -> None:
 
 
 def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Object, tuple[float, ...]]]:
-    """Yield each visible camera to outline, except the scene's camera, with its colour."""
+    """Yield each visible camera and its outline colour, but not the scene's active camera."""
     for capture in context.scene.mocap.captures:
         for item in capture.cameras if capture.show_agreement else ():
             camera = item.object

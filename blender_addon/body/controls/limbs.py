@@ -81,7 +81,7 @@ def show_limb(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None
 
 
 def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
-    """Show a limb's bones for the mode that another take uses, unless the user hid these bones."""
+    """Show the bones for a limb's new mode (IK or FK) if the bones for its previous mode are visible."""
     unfit = armature.data.collections_all.get(limb.joint_collection if from_end else limb.collection)
     if unfit is not None and unfit.is_visible:
         show_limb(armature, limb, from_end=from_end)

@@ -69,7 +69,7 @@ def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker
 
     Args:
         worker: name of the worker, for the record.
-        place: ``stopped``, ``in_child`` and ``scheduler`` of ``Place``.
+        place: the fields ``stopped``, ``in_child`` and ``scheduler`` of a ``Place``.
     """
     name = take_name(capture)
     folder = work.out / name
@@ -113,7 +113,7 @@ def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "fa
 
 
 def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRecord:
-    """Add the valid parts of the record in a take's folder to a new record."""
+    """Add the record in a take's folder to a new record, if it was made from the same inputs."""
     known = read_record(folder)
     if known is None and not is_free(folder):
         message = "The take's folder contains files that no batch wrote."

@@ -58,7 +58,7 @@ class Takes:
         return Step("solve", solve), *others
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Process one step of a take. Return the names of its outputs, its notes and its figures."""
+        """Process one step of a take. Return its output file names, its notes and the results of the worst solve."""
         if step == "solve":
             return _solve(self.request, self.choices["settings"], item, place)
         outputs, notes, shared = list[str](), list[str](), {"overwrite": True, "body": self.request.body}

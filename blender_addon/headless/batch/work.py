@@ -79,7 +79,7 @@ class Work(Protocol):
         ...
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Process one step. Return the names of its outputs in the folder, its notes and its figures."""
+        """Process one step. Return its output file names, its notes and the results of the worst solve."""
         ...
 
     def plain(self) -> Plain:

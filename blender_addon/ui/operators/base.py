@@ -175,7 +175,7 @@ def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
 
 
 def chosen_files(operator: bpy.types.Operator) -> list[Path]:
-    """Return the chosen or dropped files. If there are none, return the single chosen file or folder."""
+    """Return the files that the user selected or dropped, or else the path in the file browser's path field."""
     several = [absolute(operator.directory) / item.name for item in operator.files if item.name]
     return several or [absolute(operator.filepath or operator.directory)]
 

@@ -41,7 +41,7 @@ _NAMED = ("known", "unknown", "computed", "doubled")
 
 
 def _take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
-    """Store the marker object, and each label's meaning and gaps, from the result of a reading."""
+    """Store a capture's marker object, and the meaning and gaps of each label, after the solver has read it."""
     names = result.get("marker_names") or {}
     capture.markers = result["markers"] or 0
     capture.subjects = ", ".join(names.get("subjects", ()))
@@ -124,7 +124,7 @@ def _existing(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy
 
 
 def bring_capture(context: bpy.types.Context, result: CaptureResult, source: Path) -> CaptureStage:
-    """Create a capture from the result of a reading, and show it in the viewport."""
+    """Add a capture that the solver has read to the scene, and show it in the viewport."""
     stage = take_capture(context.scene, result, source)
     context.scene.mocap.capture.source = stored(source)
     present_capture(context, stage)

@@ -152,7 +152,7 @@ class ClusterEngine(Engine):
         futures[-1].add_done_callback(lambda future, name=name: self._queue.put((name, future)))
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes that have ended. If the scheduler is lost, so are its takes."""
+        """Return the takes that have ended. A lost scheduler ends all takes that were running on it."""
         found: list[Ended] = []
         with suppress(Empty):
             found += self._ended_of(*self._queue.get(timeout=timeout_s))

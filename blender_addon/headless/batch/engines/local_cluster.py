@@ -56,7 +56,7 @@ class LocalCluster:
                 self.processes[k] = self._start(self._commands[k])
 
     def close(self) -> None:
-        """End all processes. All state is in the takes' records."""
+        """End all processes. A later batch resumes from the takes' records."""
         for process in self.processes:
             _let_go(process)
         for process in filter(None, self.processes):
