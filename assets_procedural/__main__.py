@@ -12,7 +12,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread adds numbers in a fi
 
 
 def main() -> None:
-    """Build and write the body file, the hands file, and the file of additions for Blender."""
+    """Build and write the body file, the hands file, and Blender's file of looks, facial shapes and correctives."""
     from assets_procedural.build import BODY_FILE, build_body, write_body
     from assets_procedural.hand.build import HANDS_FILE, build_hands
     from assets_procedural.shown import SHOWN_FILE, build_shown

@@ -43,7 +43,7 @@ class AnnyRig:
 
 
 def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
-    """Sample adult shapes of one of ``TOPOLOGIES``. Keep only skin and eyes."""
+    """Sample ``num_samples`` adult body shapes of a topology. Keep only the skin and the eyes."""
     if topology not in TOPOLOGIES:
         raise JobInvalid(f"The topology {topology!r} is unknown; {', '.join(TOPOLOGIES)} are known.")
     try:
@@ -84,7 +84,7 @@ def _phenotypes(labels: list[str], count: int, seed: int) -> np.ndarray:
 
 
 def _skin_alone(rig: AnnyRig) -> AnnyRig:
-    """Return the rig with nothing but skin and eyes, because teeth would block rays."""
+    """Remove all parts except skin and eyes, because teeth and tongue would block rays that start inside the head."""
     count = rig.vertices.shape[1]
     pairs = np.concatenate([rig.faces[:, [0, 1]], rig.faces[:, [1, 2]]])
     _, label = connected_components(csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count)), directed=False)
@@ -121,7 +121,7 @@ _LOG = logging.getLogger(__name__)
 def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0) -> dict[str, np.ndarray]:
     """Return the arrays of the body file under SMPL's keys, with the pelvis at the origin.
 
-    The ten components are computed from ``num_samples`` shapes.
+    The ten shape components are the principal components of ``num_samples`` sampled shapes.
 
     Raises:
         BackendMissing: ``anny`` or torch is not installed.
@@ -148,7 +148,7 @@ def _sources() -> dict[str, str]:
 
 
 def _owners(rig: AnnyRig) -> np.ndarray:
-    """Return the joint of each bone or of its ancestor. Toes belong to the foot, fingers except thumbs to the hand."""
+    """Assign each bone to a joint of SMPL. Toes belong to the foot, and fingers except thumbs to the hand."""
     joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
     owner = np.zeros(len(rig.bones), dtype=int)
     for b, bone in enumerate(rig.bones):
@@ -170,7 +170,7 @@ def _collapsed(weights: csr_matrix, owner: np.ndarray) -> np.ndarray:
 
 
 def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (N, V, 3) and joints (N, 24, 3) with level arms, vertical legs and the pelvis at the origin."""
+    """Return vertices (N, V, 3) and joints (N, 24, 3) about the pelvis, reposed with level arms and vertical legs."""
     source = [rig.bones.index(_sources()[joint]) for joint in SMPL_JOINTS]
     turns = np.tile(np.eye(3), (len(rig.vertices), len(SMPL_JOINTS), 1, 1))
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -197,7 +197,7 @@ def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _places(rig: AnnyRig) -> np.ndarray:
-    """Return weights (24, B) that compute each joint from the bone heads."""
+    """Return weights (24, B) that compute each joint as a weighted mean of the bone heads."""
     places = np.zeros((len(SMPL_JOINTS), len(rig.bones)))
     for name, bone in _sources().items():
         row = SMPL_JOINTS.index(name)

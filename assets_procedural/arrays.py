@@ -56,7 +56,7 @@ def normal_sums(vertices: Array, faces: Array) -> Array:
 
 
 def part_of(faces: Array, chosen: Array, count: int) -> Array:
-    """Return the faces (Q, 3) between chosen vertices, renumbered. ``count`` is the number of all vertices."""
+    """Return the faces (Q, 3) that have only chosen vertices, which are renumbered. The mesh has ``count`` vertices."""
     number = np.full(count, -1)
     number[chosen] = np.arange(len(chosen))
     own = number[faces]

@@ -73,7 +73,7 @@ def build_expressions(vertices: Array, faces: Array, material: Array, mirror: Ar
 
 
 class _Eye:
-    """Vertex rings of the left eye, over the lids and inwards to the pupil. Each ring is sorted by angle."""
+    """Vertex rings of the left eye: outwards over the lids, and inwards over the eyeball to the pupil."""
 
     def __init__(self, vertices: Array, faces: Array, material: Array) -> None:
         self._vertices, count = vertices, len(vertices)
@@ -132,7 +132,7 @@ class _Eye:
         return offsets
 
     def _matched(self, rings: list[Array]) -> list[Array]:
-        """Return the rings sorted by angle, so that lines run from the lids to the pupil."""
+        """Shift the vertex order of each ring, so that equal indices are on a line from the lids to the pupil."""
         seen, half, iris, *inside = rings
         at, rolls = self._vertices[:, :2], [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
         off = [np.linalg.norm(2 * at[np.roll(half, b)] - at[np.roll(seen, a)] - at[iris]) for a, b in rolls]
@@ -154,7 +154,7 @@ class _Eye:
 
 
 class _Mouth:
-    """The lips, the jaw, and the landmarks that strokes start from."""
+    """The lips, the jaw, and the landmarks that place strokes (smooth bumps that move the skin)."""
 
     def __init__(self, vertices: Array, faces: Array, material: Array, head: Array) -> None:
         self._vertices, self._faces, self._head = vertices, faces, head
@@ -186,10 +186,10 @@ class _Mouth:
         return self.jaw[:, None] * (turned - self._vertices)
 
     def stroked(self, strokes: list[list], eye: Array, *, both: bool) -> Array:
-        """Return the offsets (V, 3) produced by strokes, in metres.
+        """Return the offsets (V, 3) in metres that the strokes of one facial shape produce.
 
         Args:
-            strokes: strokes of one shape: landmark, offset from it, radius, movement and, optionally, the lip.
+            strokes: lists of landmark, offset from the landmark, radius, movement and, optionally, the lip to move.
             eye: (3,) foremost point of the left eye in metres.
             both: whether to mirror strokes that are not on the midline.
         """
@@ -213,7 +213,7 @@ class _Mouth:
         return offsets
 
     def part_lips(self, offsets: Array) -> Array:
-        """Return offsets (V, 3) in metres that keep the lip seam closed until the lips part."""
+        """Return offsets (V, 3) that keep the seam between the lips. Where the lips part, it moves into the mouth."""
         found, vertices = offsets.copy(), self._vertices
         upper, lower = (self._inner[(self._above[self._inner] > 0.5) == above] for above in (True, False))
         x = vertices[self._seam, 0]

@@ -53,9 +53,10 @@ def _eye(half: HalfBody) -> Patch:
 
 
 def _iris_ring(seen: Array, angle: Array) -> tuple[Array, Array]:
-    """Return the border (N, 2) of the iris, cut back under the lids, and the directions (N, 2) to it.
+    """Return the visible border (N, 2) of the iris, and the directions (N, 2) from the eye's centre to it.
 
-    Each direction is the mean of an equally spaced angle and an angle of the lids, which avoids skewed faces.
+    The lids limit the radius of the border. Each direction is the mean of an equally spaced angle and the angle of a
+    point on the lids' edge, which avoids skewed faces.
     """
     out = seen - EYE_CENTRE[:2]
     to_edge = np.unwrap(np.arctan2(out[:, 1], out[:, 0]))
@@ -95,6 +96,6 @@ def _ball_depth(xy: Array) -> Array:
 
 
 def _lid_depth(xy: Array, skin: Array) -> Array:
-    """Return the depth of the lids: the skin's or the lid sphere's, whichever is further out."""
+    """Return the depth of the lids: a smooth maximum of the skin's depth and the lid sphere's depth."""
     lid = _sphere_depth(xy, EYEBALL_M + _LID_M)
     return np.maximum(skin, lid) + _SOFT_M * np.log1p(np.exp(-np.abs(skin - lid) / _SOFT_M))

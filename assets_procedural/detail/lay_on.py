@@ -58,7 +58,7 @@ def _lips(half: HalfBody) -> Patch:
 
 
 def _around(seam: Array, above: Array, below: Array, beyond: float) -> Array:
-    """Return the half ring that runs from the midline around the corner of the mouth."""
+    """Return half of a ring around the lips: from the midline above the seam to the corner, and back below the seam."""
     rounding = beyond * (seam[:, 0] / CORNER_M) ** 4
     up = seam + np.column_stack([0.5 * rounding, np.maximum(above, 0.5 * rounding)])
     down = seam + np.column_stack([0.5 * rounding, -np.maximum(below, 0.5 * rounding)])
@@ -145,7 +145,7 @@ def round_ulna(vertices: Array, joints: Array) -> Array:
 
 @dataclass(frozen=True)
 class DetailedBody:
-    """A closed and symmetric body for close-ups, and the feature (T,) that each face shows."""
+    """A closed and symmetric body for close-ups, and the feature (T,) of each face, such as an iris or a nail."""
 
     mesh: SymmetricMesh
     feature: Array
@@ -175,7 +175,7 @@ _MIDDLE = np.array([0.0, 0.060, 0.020])  # Centre of the rays that describe the 
 
 
 def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array]:
-    """Return the vertices (N,) that move to remove the face, and their offsets.
+    """Return the indices (N,) of the face's vertices, and the offsets (N, 3) in metres that remove the face.
 
     Each vertex first moves to the mean of its neighbours (Tutte 1963, "How to draw a graph"). It then moves along its
     ray from the centre of the head to a thin-plate surface through the surrounding skin.

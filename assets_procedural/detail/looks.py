@@ -57,12 +57,12 @@ class _Half:
         return found
 
     def marks(self, faces: Array) -> Array:
-        """Return a mask (V,) of the vertices of some faces of the half body, on both sides."""
+        """Return a mask (V,) of the vertices that belong to given faces of the half body or to their mirror images."""
         return np.isin(np.arange(len(self._mirror)), self.faces[np.concatenate([faces, faces])])
 
 
 def build_looks(vertices: Array, faces: Array, mirror: Array, material: Array) -> dict[str, Look]:
-    """Build all looks of the relaxed body at rest, by name. ``material`` (F,) is from ``expressions``."""
+    """Build all looks, by name, for a body at rest. ``material`` (F,) is the face material of ``build_expressions``."""
     body = vertices, faces, mirror
     wear = {"person": _athletic(*body, material), "shaven": _athletic(*body, material, hair=False)}
     return wear | {"mannequin": _jointed(*body), "segments": _segmented(*body)}
@@ -115,7 +115,7 @@ def _brow(p: Array) -> Array:
 
 
 def _neckline(p: Array) -> Array:
-    """Return how deep points are inside a sphere around the neck, or 1 for points above its centre."""
+    """Return how deep points are inside a sphere around the neck, in metres. Points above its centre get 1 (inside)."""
     centre, radius = np.array([0.0, 1.485, 0.012]), 0.088
     return np.where(p[:, 1] > centre[1], 1.0, radius - np.linalg.norm(p - centre, axis=1))
 
@@ -150,7 +150,7 @@ def _dress(half: _Half, at: Array, shirt: Array, shorts: Array, sock: Array) -> 
 
 
 def _shod(half: _Half, at: Array, shoe: Array, sole: Array) -> Array:
-    """Return the body's vertices (V, 3) in shoes, which are a level set around the skin of the foot."""
+    """Return the body's vertices (V, 3) in shoes. A shoe's surface is a level set around the skin of the foot."""
     mush, count = DeltaMush(at, half.faces, 0.020), len(half.mesh.vertices)
     foot, chosen = (at[:, 1] < 0.13) & (at[:, 0] > 0), np.flatnonzero(shoe & (at[:, 0] > 0))
     chosen = chosen[chosen < count]
@@ -216,7 +216,7 @@ _BAND_M, _GROOVE_M = 0.028, 0.0025  # Half the width of all other joint bands on
 
 
 def _planes() -> Iterator[tuple[str, str, Field]]:
-    """Yield the name of each border, the segment beyond it, and a function that returns the distance to it."""
+    """Yield each border's name, the segment beyond it, and a function for the signed distance to its plane."""
     for (name, (normal, point)), beyond in zip(_PLANES.items(), _BEYOND, strict=True):
         way, below = np.array(normal) / np.linalg.norm(normal), _BELOW.get(name, np.inf)
 

@@ -22,7 +22,7 @@ Depth = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class HalfBody:
-    """Half mesh (x >= 0, floor at y = 0), and the feature (T,) that each face shows."""
+    """Half mesh (x >= 0, floor at y = 0), and the feature (T,) of each face, such as an iris or a nail."""
 
     vertices: Array
     faces: Array
@@ -31,7 +31,7 @@ class HalfBody:
 
 @dataclass(frozen=True)
 class Patch:
-    """Vertices and faces that fill a hole up to its outermost ring."""
+    """Part of a mesh that fills a hole. Its outermost ring is joined to the rim of the hole."""
 
     vertices: Array  # (P, 3) metres.
     faces: Array  # (Q, 3) indices into ``vertices``, wound so that the front faces outwards.
@@ -82,7 +82,7 @@ def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
 
 
 def _uncovered(points: Array, others: Array) -> Array:
-    """Return a mask of the points that no other point covers. This excludes pockets under the skin."""
+    """Return a mask of the points with no other point more than 7 mm in front. This excludes pockets under the skin."""
     beside = KDTree(others[:, :2]).query_ball_point(points[:, :2], _BESIDE_M)
     return np.array([z > others[found, 2].max() - _BEHIND_M for z, found in zip(points[:, 2], beside, strict=True)])
 
@@ -125,14 +125,14 @@ def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
 
 
 def _gap(vertices: Array, rim: Array, ring: Array, i: int, j: int) -> float:
-    """Return the length of the edge from rim vertex i to ring vertex j, to a micrometre, or infinity past an end."""
+    """Return the distance from rim vertex i to ring vertex j, rounded to a micrometre, or infinity past either end."""
     if i >= len(rim) or j >= len(ring):
         return np.inf
     return round(float(np.linalg.norm(vertices[rim[i]] - vertices[ring[j]])), 6)
 
 
 def _outside(faces: Array, keep: Array, count: int) -> Array:
-    """Return a mask (T,) of the faces to keep, without pockets under the skin that the hole cuts off."""
+    """Return a mask (T,) of the kept faces in the largest piece. This drops pockets under the skin."""
     if not keep.any():
         raise BodyInvalid("The rim of a hole is empty: the hole takes all.", hint="Fit the hole to the mesh again.")
     edges = np.array(sorted(_directed(faces[keep])))

@@ -76,7 +76,7 @@ def signed_areas(points: Array, faces: Array) -> Array:
 
 
 def _far_pair(vertices: Array, faces: Array) -> Array:
-    """Return two border vertices that are far apart. Of two mirror images, the one with the lower index is used."""
+    """Return two border vertices that are far apart. Of two mirror images, use the one with the lower index."""
     pairs = np.sort(half_edges(faces), axis=1)
     keys, counts = np.unique(pairs, axis=0, return_counts=True)
     rim = np.unique(keys[counts == 1])
@@ -126,7 +126,7 @@ def _face_graph(faces: Array, group: Array) -> sp.csr_matrix:
 
 
 def _upright(flat: Array, vertices: Array, facing: Array) -> Array:
-    """Rotate a chart so that the body's up direction is up, and move its corner to the origin."""
+    """Rotate a flat chart so that the body's up direction points up. Move its lower left corner to the origin."""
     up = np.array([0.0, 1.0, 0.0]) if abs(facing[1]) < 0.5 else np.array([0.0, 0.0, 1.0])
     centred = flat - flat.mean(axis=0)
     gradient = centred.T @ (vertices @ up - (vertices @ up).mean())
@@ -152,7 +152,7 @@ def _pack(charts: list[Array]) -> Array:
 
 
 def _shelves(sizes: Array, order: Array) -> Array | None:
-    """Return the lower left corners (C, 2), or None if the charts do not fit into the unit square."""
+    """Pack charts into rows in the unit square. Return their lower left corners (C, 2), or None if they do not fit."""
     places, x, y, shelf = np.zeros_like(sizes), 0.0, 0.0, 0.0
     for chart in order:
         width, height = sizes[chart]
@@ -172,7 +172,7 @@ _ARM_X, _CROTCH_Y = 0.19, 0.83
 
 
 def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the body part (F,) of each face of the fitted mesh, with its floor at y = 0."""
+    """Return the body part (F,) of each face of the fitted mesh. The floor is at y = 0."""
     centre = vertices[faces].mean(axis=1)
     right = (centre[:, 0] < 0).astype(np.int64)
     folded = centre * np.where(right[:, None] == 1, np.array([-1.0, 1.0, 1.0]), 1.0)
@@ -188,7 +188,7 @@ def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def face_materials(part: np.ndarray, feature: np.ndarray) -> np.ndarray:
-    """Return the material (F,) of each face, given its part and its feature. The body wears a suit."""
+    """Return the material (F,) of each face. Faces without a feature show skin or a suit, depending on the part."""
     plain = np.where(np.isin(part, (0, 4, 5, 8, 9)), SKIN, SUIT)
     of_feature = np.array([0, LIPS, EYEBALL, IRIS, PUPIL, NAIL])
     return np.where(feature == arrays.NONE, plain, of_feature[feature]).astype(np.uint8)

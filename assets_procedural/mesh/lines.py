@@ -72,18 +72,18 @@ class Band:
 
     @property
     def hem(self) -> Array:
-        """Return a mask of the faces between the line and the next ring inside."""
+        """Return a mask (T,) of the faces that touch the line on its inner side."""
         return self.inside & self.near
 
     @property
     def edge(self) -> Array:
-        """Return a mask of the faces between the line and the next ring outside."""
+        """Return a mask (T,) of the faces that touch the line on its outer side."""
         return ~self.inside & self.near
 
 
 @dataclass
 class LinedMesh:
-    """Half body (x >= 0) with vertices that slide onto lines and remain there."""
+    """Half body (x >= 0) with lines on its surface, such as hems. Vertices slide onto a line and remain there."""
 
     vertices: Array  # (V, 3) metres. ``draw`` changes them.
     faces: Array  # (T, 3).
@@ -117,7 +117,7 @@ class LinedMesh:
         return Band(value[self.faces].sum(axis=1) < 0, ring[self.faces].any(axis=1))
 
     def _cover(self, a: Array, b: Array, cost: Array) -> Array:
-        """Choose vertices (a mask (V,)) to slide onto a line, so that each crossing edge has one of them."""
+        """Return a mask (V,) of vertices to slide onto a line. Every edge that crosses the line has one of them."""
         chosen = np.zeros(len(cost), bool)
         chosen[np.where(cost[a] <= cost[b], a, b)] = True
         for vertex in np.flatnonzero(chosen)[np.argsort(-cost[chosen], kind="stable")].tolist():

@@ -29,12 +29,12 @@ class RestFrame:
 
 
 def build_fields(frame: RestFrame) -> dict[str, Field]:
-    """Return a displacement field for each measure in ``MEASURES``. It maps (N, 3) points."""
+    """Return a displacement field for each of ``MEASURES``: a function that maps (N, 3) points to (N, 3) offsets."""
     return _length_fields(frame) | _girth_fields(frame)
 
 
 def displace(fields: dict[str, Field], points: Array) -> Array:
-    """Return the displacements (M, N, 3) of all fields. By construction they are mirror-symmetric."""
+    """Return the displacements (M, N, 3) of N points by M fields. They are exactly mirror-symmetric."""
     side = np.where(points[:, :1] < 0, np.array([[-1.0, 1.0, 1.0]]), 1.0)
     left = points * side
     moved = np.stack([field(left) for field in fields.values()])
@@ -217,7 +217,7 @@ def build_shape_space(
 def calibrate(
     vertices: Array, faces: Array, joints: Array, wanted: Array, carried: Array, rounds: int = 6
 ) -> tuple[Array, Array, Array]:
-    """Return the body that has the measures ``wanted`` (M,), found by Newton steps."""
+    """Deform a body by Newton steps to the measures ``wanted`` (M,). Return vertices, joints and carried points."""
     for _ in range(rounds):
         measures = place_measures(vertices, faces, joints)
         moved, moved_joints, moved_carried = _fields_of(vertices, joints, carried)
@@ -241,7 +241,7 @@ def _fields_of(vertices: Array, joints: Array, carried: Array) -> tuple[Array, A
 
 
 def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measures) -> tuple[Array, Array, Array]:
-    """Return displacement fields (M, n, 3). Each changes one measure by one metre and no other measure."""
+    """Return fields (M, n, 3) for n vertices, joints and carried points. Each changes only one measure, by 1 m."""
     moved, moved_joints, moved_carried = _fields_of(vertices, joints, carried)
     inverse = np.linalg.inv(measures.jacobian(vertices, joints, moved, moved_joints))
     unit_v, unit_j, unit_c = (np.tensordot(inverse.T, field, axes=1) for field in (moved, moved_joints, moved_carried))
@@ -249,7 +249,7 @@ def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measu
 
 
 def _within_population(loadings: Array, statistics: Statistics) -> Array:
-    """Scale down components (M, 10) that leave the 1st to 99th percentile at two standard deviations."""
+    """Scale components (M, 10) down so that two standard deviations stay within the 1st to 99th percentile."""
     mean = population_mean(statistics)
     room = np.minimum(statistics.p99 - mean, mean - statistics.p01) - _MARGIN_M
     reach = np.max(2.0 * np.abs(loadings) / room[:, None], axis=0)
@@ -265,7 +265,7 @@ def _driven_components(covariance: Array) -> list[Array]:
 
 
 def _drivers() -> Array:
-    """Return the sums (M, 2) that the first two betas drive: stature, and the girth of chest + waist + buttocks."""
+    """Return weights (M, 2) of the measures that the first two betas drive: stature, and chest + waist + buttocks."""
     stature = [1.0 if name == "stature" else 0.0 for name in MEASURES]
     girth = [1.0 if name in _TRUNK_GIRTHS else 0.0 for name in MEASURES]
     return np.array([stature, girth]).T

@@ -168,7 +168,10 @@ OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicale
 
 
 def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
-    """Find the landmarks and tapes of a mesh at rest that is about 1.70 m tall."""
+    """Find the landmarks and tapes of a mesh at rest that is about 1.70 m tall.
+
+    ``straightened`` is the length of the hand with straight fingers, relative to this mesh.
+    """
     left = vertices[:, 0] > 0.0
     midline = np.nonzero((np.abs(vertices[:, 0]) < 1e-9) & (vertices[:, 1] > 0.5))[0]
     foot = np.nonzero(left & (vertices[:, 1] < 0.08))[0]

@@ -169,7 +169,7 @@ def read_baked(path: Path = BODY_FILE) -> BakedBody:
 
 
 def draw_close(body: BakedBody) -> Array:
-    """Return the sheet of close-ups at rest and in bends."""
+    """Return a sheet of close-ups of joints, at rest and bent."""
     colours, pictures = MATERIAL_COLOURS[body.material], []
     for pose, joint, offset, height_m, ways in _PLACES:
         local = rotations(pose)

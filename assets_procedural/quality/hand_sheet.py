@@ -52,7 +52,7 @@ _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
 
 
 def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Array:
-    """Return vertices (V, 3) of the mean shape in metres with both hands posed by angles like those in ``HANDS``."""
+    """Pose both hands by angles in degrees (see ``HANDS``). Return vertices (V, 3) of the mean shape in metres."""
     angles = rest_angles(body)[None].copy()
     for name, value in degrees.items():
         angles[..., ANGLES.index(name)] = np.radians(value)

@@ -38,7 +38,7 @@ _OTHER_SPREAD_RAD = 0.18  # Standard deviation of all other joints.
 
 
 def sample_turns(name: str, count: int, rng: np.random.Generator, second: Bends = SECOND_BEND) -> Array:
-    """Return rotation vectors (count, 3) that cover the range of a joint."""
+    """Sample rotation vectors (count, 3) in a joint's range. Every second one uses the joint's bend in ``second``."""
     part = name.split("_")[-1]
     vectors = rng.normal(size=(count, 3)) * _SPREAD_RAD.get(part, _OTHER_SPREAD_RAD)
     key = name.replace("right", "left")
@@ -69,7 +69,7 @@ def pose_features(rotations: Array) -> Array:
 
 
 def dual_quaternion_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Blend vertices (V, 3) by dual quaternions. Their signs match the strongest bone of each vertex."""
+    """Blend vertices (V, 3) by the bones' dual quaternions. Their signs match the strongest bone of each vertex."""
     real = Rotation.from_matrix(turns).as_quat()
     dual = _dual_part(real, shifts)
     strongest = real[weights.argmax(axis=1)]
@@ -88,7 +88,7 @@ def _dual_part(real: Array, shifts: Array) -> Array:
 
 
 def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: Array) -> Array:
-    """Return rest offsets (N, V, 3) in metres that turn linear blending into dual-quaternion skinning."""
+    """Return rest offsets (N, V, 3) in metres with which linear blending gives dual-quaternion skinning."""
     out = np.zeros((len(rotations), *vertices.shape), dtype=np.float32)
     mixed = np.nonzero(weights.max(axis=1) < 0.999)[0]
     for n, local in enumerate(rotations):
@@ -99,7 +99,7 @@ def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: 
 
 
 def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return rest offsets that move linearly blended vertices to the target. They are damped where skin folds."""
+    """Return rest offsets (V, 3) that move linearly blended vertices to a target. They are damped where skin folds."""
     blend = (weights @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
     gap = target - linear_blend(vertices, weights, turns, shifts)
     normal = np.einsum("vba,vbc->vac", blend, blend) + 0.02 * np.eye(3)
@@ -166,7 +166,7 @@ def fit_by_joint(
 
 
 def without_slight(directions: Array) -> Array:
-    """Return correctives (V, 3, 207) without the rows and values that move the skin by less than 0.15 mm."""
+    """Remove a joint's correctives (V, 3, 207) at vertices that they move by less than 0.15 mm, and tiny values."""
     blocks = directions.reshape(len(directions), 3, -1, 9)
     slight = np.sqrt(np.square(blocks).sum(axis=1)).max(axis=2) < _SLIGHT_M
     directions = np.where(slight[:, None, :, None], 0.0, blocks).reshape(directions.shape)
@@ -174,7 +174,7 @@ def without_slight(directions: Array) -> Array:
 
 
 def fit_to_turns(turns: Array, wanted: Array, ridge: float, mask: Array) -> Array:
-    """Return masked correctives (N, 3, 9) per unit of ``flatten(R - I)``, fitted to offsets (P, N, 3)."""
+    """Fit masked correctives (N, 3, 9) per unit of ``flatten(R - I)`` to offsets (P, N, 3) at P rotations R."""
     features = (turns - np.eye(3)).reshape(len(turns), 9)
     gram = features.T @ features + ridge * np.eye(9)
     fitted = np.linalg.solve(gram, features.T @ wanted.reshape(len(turns), -1)).reshape(9, -1, 3)

@@ -42,7 +42,7 @@ from solver_backend.types import SMPL_JOINTS
 
 
 class _Way(NamedTuple):
-    """Parameters of the skin around a joint, chosen on ``tests.benchmarks.body_sheets`` and 24 poses of seed 11."""
+    """Parameters for the skin around a joint, chosen with ``tests.benchmarks.body_sheets`` and 24 random poses."""
 
     radius_m: float  # Radius of the smoothing.
     dual: float  # Share of dual-quaternion skinning in the target.
@@ -110,7 +110,7 @@ class DeltaMush:
 def shown_correctives(
     vertices: Array, faces: Array, weights: Array, joints: Array, mirror: Array, posedirs: Array
 ) -> Array:
-    """Return correctives (V, 3, 207) to add to ``posedirs``, in metres per unit of the pose features."""
+    """Return correctives (V, 3, 207) that Blender adds to ``posedirs``, in metres per unit of the pose features."""
     masks, wide = joint_masks(weights), np.zeros((len(vertices), len(PARENTS) - 1))
     mushes = {radius: DeltaMush(vertices, faces, radius) for radius in sorted({way.radius_m for way in _WAYS.values()})}
     names = tuple(name for name in SMPL_JOINTS if _kind(name) in _WAYS)
@@ -154,7 +154,7 @@ def shown_correctives(
 
 
 def _restored(vertices: Array, posed: Array, faces: Array, mask: Array, mush: DeltaMush, way: _Way) -> Array:
-    """Move skin along smoothed gradients of volume and surface area, part of the way to their rest values."""
+    """Restore part of the lost volume and gained surface (see ``way``), by moves along smoothed gradients."""
     shares, rest_areas = np.array([way.volume, way.surface]), vertex_areas(vertices, faces)
     used = np.flatnonzero(shares)
     if not len(used):
@@ -188,7 +188,7 @@ def _area_gradient(vertices: Array, faces: Array) -> Array:
 
 
 def _pushed_out(vertices: Array, posed: Array, faces: Array, beyond: Array, mask: Array) -> Array:
-    """Move both sides of a joint apart, each by half of their penetration."""
+    """Move intersecting skin on the two sides of a joint apart, each side by half of the penetration depth."""
     apart, here = posed, mask > 0
     for _ in range(_PUSHES):
         normals, move = vertex_normals(apart, faces), np.zeros_like(posed)
@@ -209,7 +209,7 @@ def _kind(name: str) -> str:
 
 
 def _point(vertices: Array, joint: Array, bone: Array, turn: Array) -> Array:
-    """Return offsets (V, 3) in metres for the skin that protrudes at a bent elbow."""
+    """Return offsets (V, 3) in metres that form the point of a bent elbow."""
     along = bone / np.linalg.norm(bone)
     away = along - turn @ along
     fold = float(np.linalg.norm(away))

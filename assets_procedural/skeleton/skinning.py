@@ -67,8 +67,9 @@ def fit_regressor(
 ) -> Array:
     """Fit the joint regressor J (J, V) with ``J v = joints`` and ``J vertex_dirs = joint_dirs``.
 
-    Non-negative weights are used for joints that they reproduce to 0.01 mm. Small signed weights near the joint are
-    then added, so that joints and components are exact. The other joints get only signed weights of the smallest norm.
+    If non-negative weights reproduce a joint to 0.01 mm, they are used. Small signed weights near the joint are then
+    added, so that its position and derivatives are exact. For all other joints, signed weights of the smallest norm are
+    used.
 
     Args:
         vertex_dirs: (V, 3, C) derivatives of the vertices by C shapes.

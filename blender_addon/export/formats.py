@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Format:
-    """A file format for takes: its suffix, its texts, its writer, and the layout options that it supports."""
+    """A file format for takes, with its suffix, label, description, writer and layout options."""
 
     suffix: str  # File suffix with its dot.
     label: str  # Label for users.

@@ -94,7 +94,7 @@ def _offsets(mesh: bpy.types.Object, key: bpy.types.ShapeKey) -> np.ndarray:
 
 
 def _carry_left_out(mesh: bpy.types.Object, armature: bpy.types.Object, layout: BodyLayout) -> None:
-    """Move the weights of joints that have no bone to the nearest ancestor joint that has one."""
+    """Move the skin weights of each joint that has no bone to the nearest ancestor joint that has one."""
     groups = mesh.vertex_groups
     left_out = {groups[deform_bone(joint)].index: joint for joint in layout.joints if joint not in armature.data.bones}
     if not left_out:
@@ -111,7 +111,7 @@ def _carry_left_out(mesh: bpy.types.Object, armature: bpy.types.Object, layout: 
 
 
 def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
-    """Copy an object and its data into a collection and make both editable, even if they are library overrides."""
+    """Copy an object and its data into a collection. Make the copies editable, even if they are library overrides."""
     copy = source.copy()
     collection.objects.link(copy)
     if copy.override_library is not None:
@@ -235,7 +235,7 @@ def temporary_copies(scene: bpy.types.Scene, replaced: Sequence[bpy.types.Object
 
 
 def swap_names(replaced: Sequence[bpy.types.Object], copies: Sequence[bpy.types.Object], names: Sequence[str]) -> None:
-    """Give the copies the names of the objects that they replace. Those objects are renamed."""
+    """Rename the replaced objects, and give ``names`` to their copies."""
     for obj in replaced:
         if obj.library is None:  # a linked object's name cannot clash
             obj.name = f"{obj.name} (source)"
@@ -266,7 +266,7 @@ def _bake(plain: ExportTake, pose: PoseSamples) -> bpy.types.Action:
 def _key_joints(
     target: CurveTarget, plain: ExportTake, pose: PoseSamples, turns: np.ndarray, heads: np.ndarray
 ) -> None:
-    """Key the joints from (F, J, 3, 3) rotations and (F, 3) pelvis positions, in the units of the file."""
+    """Key the joints from world rotations (F, J, 3, 3) and pelvis positions (F, 3), in the units of the file."""
     bones, times = plain.armature.data.bones, _times(plain)
     types, local = key_type_values(None, len(times)), against_parents(turns, pose.parents)
     for j, joint in enumerate(pose.names):

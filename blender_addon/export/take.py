@@ -55,12 +55,12 @@ class ExportTake:
 
     @property
     def frame_start(self) -> int:
-        """Number of the first frame, for files that count scene frames."""
+        """First frame as a whole scene frame, for file formats that use scene frames."""
         return round(self.first)
 
     @property
     def frame_end(self) -> int:
-        """Number of the last frame, for files that count scene frames."""
+        """Last frame as a whole scene frame, for file formats that use scene frames."""
         return self.frame_start + self.num_frames - 1
 
     @property
@@ -76,10 +76,11 @@ def take_of(
     frames: tuple[float, float] | None = None,
     fps: float | None = None,
 ) -> ExportTake:
-    """Return the take of an armature, or of a mesh that it deforms, in its own or the given scene frames.
+    """Return the take that an armature plays. ``obj`` is the armature or a mesh that it deforms.
 
-    A solved take keeps the duration of its motion, even if the scene's frame rate was changed after the bake. Raises
-    ``NothingToExport`` if there is no armature, no motion or no frame.
+    ``frames`` are scene frames, by default the range of the action. A solved take keeps the duration of its motion,
+    even if the scene's frame rate was changed after the bake. Raises ``NothingToExport`` if there is no armature, no
+    motion or no frame.
     """
     armature = _armature(obj)
     action = current_action(armature)

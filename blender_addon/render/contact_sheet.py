@@ -30,7 +30,7 @@ class Lettering:
         self._known: dict[str, np.ndarray] = {}
 
     def write(self, picture: np.ndarray, words: str, x: int, y: int) -> None:
-        """Write words on a dark plaque into a picture. Its top left corner is at (x, y)."""
+        """Write words on a dark plaque into a picture. The plaque's top left corner is at (x, y)."""
         if words and words not in self._known:
             self._known[words] = self._render(words)
         if words:
@@ -214,7 +214,7 @@ class Pane:
     dot_colour: Colour
 
     def picture(self, subject: RenderedTake, frame: int, letters: Lettering, words: str, dots: float) -> np.ndarray:
-        """Return the picture of a frame, with words and as many detection dots as its height allows."""
+        """Return a frame's picture with words and detections. The dots' radius is the pane's height / ``dots``."""
         picture, window = self.backdrop(frame), self.view.window(subject.joints[frame])
         if window is not None:
             shrink = self.stage.look.shrink

@@ -42,7 +42,7 @@ def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tu
 def render_preview(
     path: Path, subject: RenderedTake, progress: Progress, settings: PreviewSettings | None = None
 ) -> None:
-    """Render a take's preview video in the views of its cameras, or in a three-quarter view without cameras."""
+    """Render a take's preview video in the views of its cameras. Without cameras, use a three-quarter view."""
     settings = settings or PreviewSettings()
     frames, fps = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)
     with temporary_folder() as folder, ExitStack() as stack:
@@ -80,7 +80,7 @@ def _views(subject: RenderedTake, settings: PreviewSettings) -> list[tuple[View,
 
 
 def _view_count(subject: RenderedTake, settings: PreviewSettings) -> int:
-    """Return the largest number of cameras to show. Footage reduces it, because decoding video is slow."""
+    """Return the number of cameras to show. Footage limits it, because decoding many images is slow."""
     cameras = subject.cameras(settings.most_views)
     if not any(find_footage(camera.footage) for camera in cameras):
         return settings.most_views

@@ -24,7 +24,7 @@ Window = tuple[int, int, int, int]  # x0, y0, x1 and y1 of a part of a picture, 
 
 @dataclass(frozen=True)
 class RenderQuality:
-    """Render quality of a stage. Pictures are rendered larger and averaged, which is faster than more samples."""
+    """Render quality of a stage. Averaging larger pictures is faster than rendering more samples per pixel."""
 
     shrink: int = 2  # Pictures are rendered larger by this factor and then averaged.
     cavity: bool = False  # Darken creases and brighten ridges.
@@ -41,7 +41,7 @@ class RenderStage:
     folder: Path
 
     def render(self, frame: float, window: Window | None = None) -> np.ndarray:
-        """Return a window or the whole view as (h, w, 4) uint8 RGBA, enlarged by the factor ``look.shrink``."""
+        """Render the view, or a window of it, as (h, w, 4) uint8 RGBA, enlarged by the factor ``look.shrink``."""
         render = self.scene.render
         render.use_border = render.use_crop_to_border = window is not None
         if window is not None:

@@ -50,7 +50,7 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
 
 
 def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple[int, int]) -> np.ndarray | None:
-    """Return the position in the scaled footage of each undistorted pixel, or None if they are equal.
+    """Return the position (h, w, 2) of each undistorted pixel in the scaled footage, or None if no pixel moves.
 
     Footage of almost the calibrated size is treated as cropped at the right and bottom, because codecs pad there to
     multiples of 16 pixels. Footage of any other size is treated as the whole image, scaled.

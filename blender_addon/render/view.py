@@ -57,7 +57,7 @@ class View:
         return pixels(straight, self.K)
 
     def window(self, joints: np.ndarray) -> tuple[int, int, int, int] | None:
-        """Return the part of the picture (x0, y0, x1, y1) that the body around these joints may cover, or None."""
+        """Return the part (x0, y0, x1, y1) of the picture that the body may cover, or None if it is not visible."""
         uv, depth = self.project(joints)
         if (depth < 2 * BODY_REACH_M).any():
             return (0, 0, *self.size) if (depth > 0).any() else None
@@ -70,7 +70,7 @@ class View:
 
 
 def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) -> View:
-    """Return a view of the part of a camera's image that shows (F, 24, 3) joints, magnified at most twice."""
+    """Return a view of the part of a camera's image that shows the joints (F, 24, 3), enlarged by up to 2."""
     whole, image = View(camera, camera.image_size), np.array(camera.image_size, dtype=np.float64)
     windows = [window for frame in joints if (window := whole.window(frame)) is not None]
     if not windows:
@@ -98,10 +98,11 @@ def look_at(
 def three_quarter_view(
     points: np.ndarray, heading: float, size: tuple[int, int], *, margin_m: float = 0.2
 ) -> CameraFile:
-    """Return a camera to the front left of a body that has (N, 3) points in its picture.
+    """Return a camera in front and to the left of a body, with all (N, 3) points in its picture.
 
-    A point that is x and y from the axis and z towards the camera is in the picture if the camera's distance is at
-    least ``z + max(|x| / tan(a / 2), |y| / tan(b / 2))``, where a and b are the fields of view.
+    In camera axes from the points' centre (x right, y up, z towards the camera), a point is in the picture if the
+    camera's distance is at least ``z + max(|x| / tan(a / 2), |y| / tan(b / 2))``. The fields of view are a and b.
+    ``margin_m`` is added to |x| and |y|.
     """
     field_of_view, elevation, angle = np.radians(32.0), np.radians(14.0), heading + np.radians(38.0)
     away = np.array([np.cos(angle) * np.cos(elevation), np.sin(angle) * np.cos(elevation), np.sin(elevation)])

@@ -26,7 +26,10 @@ _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_ang
 
 @dataclass(frozen=True)
 class Hanging:
-    """Dependencies between N controls in the neutral pose, sorted so that carriers precede the controls they move."""
+    """For each of N controls in the neutral pose, the control that moves it and the control that rotates it.
+
+    A control comes after the controls that move or rotate it.
+    """
 
     names: tuple[str, ...]
     matrices: np.ndarray  # (N, 4, 4) pose matrices.
@@ -98,7 +101,7 @@ def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tup
 
 
 def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float]) -> None:
-    """Set custom properties of an armature's bones, given by (bone, key). Each keeps its type."""
+    """Set custom properties of an armature's bones, given by (bone, key). The type of each property is kept."""
     for (bone, key), value in values.items():
         armature.pose.bones[bone][key] = type(armature.pose.bones[bone][key])(value)
     armature.update_tag()
@@ -134,13 +137,13 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
 
 
 def _deepest(carries: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Return the lowest ancestor (N,) of each control, or -1. ``carries[d, c]`` means that d moves c."""
+    """Return the deepest control (N,) that moves each control, or -1 if none does. ``carries[d, c]``: d moves c."""
     likely = np.where(carries, 1 + depth[:, None], 0)
     return np.where(carries.any(0), likely.argmax(0), -1)
 
 
 def bone_rotations(matrices: np.ndarray) -> np.ndarray:
-    """Return the normalised axes (..., 3, 3) of (..., 4, 4) matrices."""
+    """Return the rotations (..., 3, 3) of bone matrices (..., 4, 4), without their scale."""
     R = matrices[..., :3, :3]
     return R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), 1e-12)
 

@@ -35,7 +35,7 @@ class LiveRig:
         body: BodyFile,
         betas: np.ndarray,
     ) -> None:
-        """Read a rig, move its action to a muted NLA track, and set its switches as a retarget does."""
+        """Read a rig, move its action to a muted NLA track, and set its FK/IK switches as for a retarget."""
         hands = {f"{side}_{finger}_{k + 1}" for side in SIDES for finger in FINGERS for k in range(_BONES)}
         rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())
         self.notes = (*rig_map.doubts, *rig.notes)

@@ -127,14 +127,14 @@ def _held_foot(
 
 
 def _turned(both: np.ndarray, now: np.ndarray, held: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 3, 3) rotations of a foot to its locked direction. They fade in and out."""
+    """Return the rotations (F, 3, 3) that align a foot with its locked direction. They are eased in and out."""
     turn = np.zeros_like(now)
     turn[both] = rotvec_from_quat(quat_from_matrix(swing(now[both], held[both])))
     return matrix_from_rotvec(eased(turn, np.flatnonzero(both), _EASE_S * fps))
 
 
 def _same_signs(changed: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """Give changed channels the previous quaternion signs, because q and -q are the same rotation."""
+    """Give the quaternions in ``changed`` the signs that they have in ``channels``. q and -q are the same rotation."""
     new, old = (values[:, 3:].reshape(len(values), -1, 4) for values in (changed, channels))
     signs = np.where((new * old).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     return np.concatenate([changed[:, :3], (signs * new).reshape(len(changed), -1)], axis=1)

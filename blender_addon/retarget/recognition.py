@@ -215,7 +215,10 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def frame_rate(header: dict[str, Any]) -> float | None:
-    """Return a file's median key rate in frames per second (a multiple of it if keys are sparse), or None."""
+    """Return a file's frame rate from the median rate of its keys, or None without a plausible rate.
+
+    If the keys are sparse, a multiple of their rate is returned.
+    """
     rates = []
     accessors = _list(header.get("accessors"))
     for animation in _list(header.get("animations")):

@@ -164,7 +164,10 @@ def _parts_of_bones(armature: bpy.types.Object, bones: dict[str, str]) -> dict[s
 
 
 def _rods(heads: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Return the part, start and end of each limb and trunk segment, and of points for hands and feet."""
+    """Return the part, start and end of each limb and trunk segment.
+
+    Hands, feet and toes are added as points of no part ("").
+    """
     trunk = ["pelvis", *chain_roles(dict.fromkeys(heads, ""), "spine"), "neck_1"]
     lines = [("trunk", a, b) for a, b in pairwise(trunk)]
     for side in ("left", "right"):
@@ -225,7 +228,7 @@ def stand_on_stage(
 def stand_in_pose(
     names: tuple[str, ...], roles: tuple[str, ...], matrices: np.ndarray, R: np.ndarray, m: float
 ) -> Target:
-    """Return a rest pose in stage coordinates, taken from (N, 4, 4) bone matrices in an upright frame.
+    """Return a rest pose in stage coordinates from bone matrices (N, 4, 4) of a frame with an upright figure.
 
     Args:
         R: (3, 3) rotation from the armature's axes to the stage's.

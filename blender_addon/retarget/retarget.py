@@ -41,10 +41,12 @@ class Channel:
 
 
 def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> list[Channel]:
-    """Return the channels to key: the rotations of all controls and the locations of some.
+    """Return the channels to key: rotations, and the locations of the carrier, the root and IK controls.
 
-    With rest axes r and the rotations D of a control and D_with of its carrier, ``basis = r^T D_with^T D r``. The
-    location is ``l^T D_with^T (p - p_carried)``, where l are the axes of its channel. ``modes`` are the rotation modes.
+    A rotation channel is ``r^T D_with^T D r``, where r are the control's rest axes, D is its rotation, and D_with is
+    the rotation of the control that rotates it. A location channel is ``l^T D_with^T (p - p_carried)``, where l are the
+    axes of the channel, p is the control's position and p_carried is its position without the channel. ``modes`` are
+    the rotation modes.
     """
     channels, r = [], target.axes[:, None]
     undone = np.where((target.turns_with < 0)[:, None, None, None], np.eye(3), done.turns[target.turns_with])
@@ -82,9 +84,10 @@ _SAME_PLACE = 0.002  # A bone is at a control's position if it is closer than th
 
 
 def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:
-    """Return the largest distance in mm between a hand or foot and its planned position.
+    """Return the largest distance in mm between a hand or foot on the rig and its planned position.
 
-    Raises ``TargetUnsuitable`` if the distance is large. ``Transferred.missed_m`` covers goals that the plan misses.
+    Raises ``TargetUnsuitable`` if the distance is large. ``Transferred.missed_m`` is the distance between plan and
+    goal.
     """
     ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
     names = [_shown_bone(rig, end) for end in ends.values()]

@@ -110,7 +110,7 @@ def read_rig_actor(
 
 
 def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m: float) -> tuple[Target, int] | None:
-    """Return the bones in the most upright frame as a rest pose, and the frame's index. Return None without one.
+    """Return a rest pose taken from the most upright frame, and that frame's index, or None if there is no such frame.
 
     This is for skeletons with all bones along one axis at rest, so that trunk and soles cannot be found.
     """
@@ -133,7 +133,8 @@ def _on_stage(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rotations and head positions in stage coordinates. The stage's up axis is the world's.
 
-    With ``turned``, they are rotated to the object's heading. A rest pose taken from the motion has no heading.
+    With ``turned``, the stage faces in the object's direction. Use it only if the rest pose is not taken from the
+    motion.
     """
     object_turns, pose_turns = (bone_rotations(m) for m in (worlds, poses))
     stands = object_turns[0] @ rest.R_stage_armature.T
@@ -266,7 +267,7 @@ def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
 
 
 def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
-    """Return the animated armature with this name, or the only one. The add-on's bodies take precedence."""
+    """Return the animated armature with this name, or the only one. If there are bodies, only they are considered."""
     rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
     rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
     chosen = [name] if name else list(rigs)

@@ -27,7 +27,7 @@ _FACING, _EDGE = 0.10, 0.75  # Opacity of skin that faces the viewer, and of ski
 
 @dataclass(frozen=True, eq=False)
 class Ghost:
-    """A drawn take, with the edits that it had when the ghost was created."""
+    """A take that is drawn over the scene, with the edits that it had when the ghost was created."""
 
     take: int  # Session identifier of the action.
     armature: int  # Session identifier of the body.

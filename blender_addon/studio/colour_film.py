@@ -69,7 +69,7 @@ _IDS = {"workbench": ("BLENDER_WORKBENCH",), "cycles": ("CYCLES",), "eevee": _EE
 
 
 def engine_id(name: str) -> str:
-    """Return Blender's identifier of an engine. Raise ``RenderFailed`` if this Blender does not have it."""
+    """Return Blender's identifier of a render engine. Raise ``RenderFailed`` if this Blender does not have it."""
     scene = bpy.data.scenes.new("engines")
     try:
         found = next((candidate for candidate in _IDS[name] if _takes(scene, candidate)), None)
@@ -83,7 +83,7 @@ def engine_id(name: str) -> str:
 
 
 def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
-    """Set a scene's engine. Raise ``RenderFailed`` if this Blender does not have it."""
+    """Set a scene's render engine. Raise ``RenderFailed`` if this Blender does not have it."""
     scene.render.engine = engine_id(name)
     if name == "workbench":
         shading = light_studio(scene, "VERTEX")
@@ -102,7 +102,7 @@ def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
 
 
 def enlargement(name: str) -> int:
-    """Return how many times larger an engine renders its pictures before they are averaged."""
+    """Return how many times larger a render engine renders its pictures before they are averaged."""
     return 2 if name == "workbench" else 1
 
 
@@ -113,7 +113,7 @@ def show_paint(mesh: bpy.types.Mesh) -> None:
 
 
 def _takes(scene: bpy.types.Scene, engine: str) -> bool:
-    """Return whether Blender has an engine. It is tested by setting it, because there is no list of engines."""
+    """Return whether Blender has a render engine. It is tested by setting it, because there is no list of engines."""
     try:
         scene.render.engine = engine
     except TypeError:

@@ -114,7 +114,7 @@ class DressedPerson:
         collection.objects.link(self.object)
 
     def pose(self, frame: float) -> None:
-        """Move the vertices to their positions at a time in frames, interpolated linearly."""
+        """Move the vertices to their positions at a fractional frame, interpolated linearly."""
         first = int(np.floor(frame))
         share = frame - first
         vertices = self.surface(first)
@@ -123,7 +123,7 @@ class DressedPerson:
         move_vertices(self.object, vertices)
 
     def surface(self, frame: int) -> np.ndarray:
-        """Return the vertices (N, 3) in world metres at a frame, or at the motion's nearest frame."""
+        """Return the vertices (N, 3) in world metres at a frame, limited to the frames of the motion."""
         frame = int(np.clip(frame, 0, self._motion.num_frames - 1))
         if frame not in self._known:
             while len(self._known) > 2:

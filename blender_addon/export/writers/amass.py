@@ -27,8 +27,8 @@ _SCALED = 1e-3  # Scales that deviate from 1 by more than this are not supported
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write a take of this add-on in SMPL-H form, with axis-angle vectors ``poses`` (F, 156) in radians.
 
-    As in AMASS, fingers are rotated from a flat hand. AMASS does not have SMPL's hand joints, so they are stored in
-    ``hand_pose``, and joint positions in ``joints``. The take's shape and body file must be known.
+    Finger rotations are relative to a flat hand, as in AMASS. ``hand_pose`` has the rotations of SMPL's hand joints,
+    which AMASS does not have, and ``joints`` has the joint positions. The take's shape and body file must be known.
     """
     arrays, parts = _read_take(take, progress)
     poses = np.concatenate([parts[key] for key in ("root_orient", "pose_body", "pose_hand")], axis=1)
@@ -38,7 +38,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
 def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write a take of this add-on in SMPL-X form, with ``poses`` (F, 165).
 
-    Rotations of jaw and eyes are the sum of their bones and facial shapes. Other facial shapes have no parameters.
+    Jaw and eye rotations are the sum of the bone rotations and the facial shapes. Other facial shapes are not written.
     """
     arrays, parts = _read_take(take, progress)
     order = ("root_orient", "pose_body", "pose_jaw", "pose_eye", "pose_hand")
@@ -47,7 +47,7 @@ def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the arrays that both models share, and the poses of SMPL-X's parts by name."""
+    """Return the arrays that SMPL-H and SMPL-X files have in common, and the poses of SMPL-X's parts by name."""
     betas, rest_pelvis = _shape(take)
     _require_own_size(take)
     joints, bones = layout_of(take.armature.data.bones).joints, face_bones(take.armature)

@@ -51,7 +51,7 @@ def run_exporter(
 
 
 def _raise_if_disk(text: str, error: RuntimeError) -> None:
-    """Raise the system error that an exporter's traceback contains, if there is one."""
+    """Raise ``OSError`` if the exporter's message contains a disk error."""
     for number in _DISK:
         if os.strerror(number) in text:
             raise OSError(number, os.strerror(number)) from error
@@ -189,7 +189,10 @@ _HEADER = Struct("<12siiffi")  # Signature, version, points, first frame, frames
 
 @contextmanager
 def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
-    """Yield the take, or a take with copies of its meshes that play a point cache."""
+    """Yield the take unchanged, or with copies of its meshes that play a point cache.
+
+    A point cache is needed between scene frames, and if a Blender unit is not one metre.
+    """
     if take.is_on_frames and take.metres_a_unit == 1.0:
         yield take
         return

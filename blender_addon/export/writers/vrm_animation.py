@@ -34,7 +34,8 @@ def export_vrma(path: Path, take: ExportTake, progress: Progress) -> None:
 def as_vrm_animation(content: bytes) -> bytes:
     """Convert binary glTF with the add-on's skeleton to a VRM Animation.
 
-    Only the rest pose of the nodes changes. The animation does not depend on it.
+    The rest pose becomes a T-pose. This does not change the animation, because animated rotations replace the rest
+    rotations. Only rotations of humanoid bones and the translation of the hips remain animated.
     """
     (length,) = struct.unpack("<I", content[12:16])
     scene = json.loads(content[_JSON_CHUNK : _JSON_CHUNK + length])
@@ -65,7 +66,7 @@ def _vrm_name(bone: str) -> str:
 
 
 def _rest_in_t_pose(nodes: list[dict[str, Any]], numbers: dict[str, int]) -> None:
-    """Rotate the rest pose of the nodes to the T-pose, ``G_T = T G``."""
+    """Rotate the nodes' rest pose to a T-pose: world rotations G become ``T G``, with T from ``t_pose``."""
     parents = {child: number for number, node in enumerate(nodes) for child in node.get("children", ())}
     layout = layout_of(numbers)
     turned, places = dict[int, np.ndarray](), dict[int, np.ndarray]()

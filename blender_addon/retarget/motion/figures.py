@@ -184,7 +184,10 @@ def foot_ball(target: Target, foot: int) -> np.ndarray:
 
 
 def carried_places(target: Target, turns: np.ndarray, carrier: int, path: np.ndarray) -> np.ndarray:
-    """Return the heads (N, F, 3) of all controls: ``p_c = p_m + D_m (r_c - r_m)``, where control m moves c."""
+    """Return the heads (N, F, 3) of all controls, given the ``path`` (F, 3) of the carrier.
+
+    If control m moves control c, ``p_c = p_m + D_m (r_c - r_m)``, with heads p, rest heads r and rotations D.
+    """
     places = np.empty((len(target.names), len(path), 3))
     for c, m in enumerate(target.moves_with):
         if c == carrier:

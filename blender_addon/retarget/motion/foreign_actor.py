@@ -31,8 +31,9 @@ def actor_of_bones(
 ) -> Actor:
     """Convert the motion of a rig's bones to an actor with SMPL's joints. ``places`` are the bone heads.
 
-    If a bone has rotation D_c from rest and map pose A_c, the joint's rotation is ``D_c A_c^T``. A rig with the same
-    rest pose then plays D_c again. Missing joints are placed as in the add-on's body, scaled by the leg length.
+    If a bone has rotation D_c from rest and map pose A_c, the joint's rotation is ``D_c A_c^T``. If this actor's motion
+    is transferred to a rig with the same rest pose, its bone has rotation D_c again. Missing joints are placed as in
+    the add-on's body, scaled by the leg length.
     """
     index = {role: c for c, role in enumerate(rest.roles)}
     own = {role: turns[c] @ A[c].T for role, c in index.items()}
@@ -76,7 +77,10 @@ def _joint_turns(own: dict[str, np.ndarray], frames: int) -> np.ndarray:
 
 
 def _joints(known: dict[int, np.ndarray], G: np.ndarray, own_rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the joint positions (F, 24, 3), and the positions (24, 3) of the same joints without rotation."""
+    """Return the joint positions (F, 24, 3) in the motion and (24, 3) at rest.
+
+    Joints that are not in ``known`` are placed as in the body at rest ``own_rest``, scaled to the figure's size.
+    """
     size = _size(known, own_rest)
     start = next(joint for joint in (1, 2, 16, 17, 15, *known) if joint in known)
     hips = [joint for joint in _HIPS if joint in known] or [start]

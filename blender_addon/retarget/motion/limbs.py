@@ -71,8 +71,8 @@ def steadied(path: FootPath, low: np.ndarray, fps: float) -> FootPath:
     """Fix a foot's path while the foot is planted, and blend with the original path before and after.
 
     The ball of the foot keeps its median position. A flat foot also keeps its mean direction, so that its ankle does
-    not move. A foot that slides by more than 3 cm at a person's size, or rotates by more than 11 degrees, is fixed only
-    while it moves more slowly.
+    not move. If a contact slides by more than 3 cm at a person's size, or rotates by more than 11 degrees, only its
+    slower frames are fixed.
 
     Args:
         low: (F,) mask of the frames with the foot at floor height.
@@ -102,10 +102,10 @@ def _held(
     hold: Callable[[int, int], tuple[np.ndarray, np.ndarray]],
     fps: float,
 ) -> np.ndarray:
-    """Return corrections (F, 3) of planted feet, computed by ``hold``, and NaN in other frames.
+    """Return the corrections (F, 3) that fix a foot while it is planted, and NaN in other frames.
 
-    ``hold`` returns the corrections in a range, and their vectors relative to the largest allowed length. Ranges are
-    separated by the easing time, so that the foot does not jump.
+    ``hold(first, stop)`` returns the corrections of a frame range, and vectors that are longer than 1 if a correction
+    is too large. Ranges are separated by the easing time, so that the foot does not jump.
     """
     held, free, gap = np.full((len(allowed), 3), np.nan), allowed.copy(), round(_EASE_S * fps)
     for share, speed in product(_SLOWER, speeds):
@@ -208,7 +208,8 @@ _BONES = 4  # Largest number of bones in a finger: three, and one more in the pa
 def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
     """Return a rig's hands in the rest axes of the add-on's body.
 
-    A bend is ``A D_hand^T D A^T``, with rotations D of the finger and D_hand of the hand, and the hand's map pose A.
+    The bend of a finger bone is ``A D_hand^T D A^T``. D and D_hand are the rotations of the bone and of the hand, and A
+    is the hand's map pose.
     """
     hands = []
     for side in SIDES:
@@ -222,10 +223,11 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
 
 
 def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray) -> None:
-    """Bend a rig's fingers as the actor's, by changing ``turns`` in place. The hands must already be set.
+    """Bend a rig's fingers like the actor's, by changing ``turns`` in place. The hands must already be set.
 
-    A finger's rotation combines the actor's bend B with S, the smallest rotation to the direction of the actor's finger
-    at rest. A thumb at the same place as its hand, as in MotionBuilder clips, has no direction and only bends.
+    A finger's rotation combines the actor's bend B with S, the smallest rotation from the direction of the rig's finger
+    at rest to the direction of the actor's finger. A thumb that starts at its hand, as in MotionBuilder clips, has no
+    direction, so it only bends.
     """
     for hand in actor.hands:
         control = target.index(f"{hand.roles[0].partition('_')[0]}_hand")

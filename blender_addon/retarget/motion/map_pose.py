@@ -24,9 +24,10 @@ LEANS_DEG = 20.0
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[float, ...]]) -> np.ndarray:
-    """Return each control's rotation (N, 3, 3) from the rig's rest to the actor's rest: ``M_actor M_target^T``.
+    """Return each control's rotation (N, 3, 3) from the rig's rest pose to the actor's: ``M_actor M_target^T``.
 
-    M are frames along each bone. Quaternions in ``given`` (by bone name) take precedence.
+    M_actor and M_target are rest frames along the same bone. Quaternions (wxyz) in ``given`` (by bone name) take
+    precedence.
     """
     A = np.broadcast_to(np.eye(3), (len(target.names), 3, 3)).copy()
     _straighten(A, target)
@@ -55,7 +56,8 @@ def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, flo
 def lean_at_rest_deg(target: Target) -> float:
     """Return the angle in degrees between up and the direction from hips to neck at rest.
 
-    It is 0 if there is no neck, head or arm, and if the lowest spine bone is upright. A hunched back is a posture.
+    It is 0 if the rig has neither neck nor head, and lacks an upper arm. It is also 0 if the lowest spine bone is
+    upright, because a hunched back is a posture.
     """
     bones, roles = {role: c for c, role in enumerate(target.roles)}, set(target.roles)
     if not roles & {"neck_1", "head"} and not roles >= {f"{side}_upper_arm" for side in SIDES}:
@@ -90,7 +92,7 @@ def _angle_deg(way: np.ndarray) -> float:
 
 
 def _align_straight(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[int, int], limb: str) -> None:
-    """Treat a limb that has no hand or foot as straight, because bone tails are unreliable."""
+    """Align a limb that has no hand or foot as if it were straight, because bone tails are unreliable."""
     first, second = target.heads[list(bones)]
     own = rest[[JOINT_OF[role] for role in LIMBS[limb]]]
     A[bones[0]], A[bones[1]] = limb_turns(np.stack([first, second, 2 * second - first]), own, limb.endswith("arm"))

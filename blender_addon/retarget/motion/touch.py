@@ -46,7 +46,7 @@ class HandPlace:
 def _hand_places(
     actor: Actor, target: Target, turns: np.ndarray, goals: Mapping[str, np.ndarray]
 ) -> Iterator[HandPlace]:
-    """Yield each palm that has a goal and a length, and each fingertip that both figures have."""
+    """Yield the palm of each hand that has a goal and a known length, and the fingertips that both figures have."""
     fingers = {hand.roles[0].partition("_")[0]: hand for hand in actor.hands}
     for side in SIDES:
         role = f"{side}_hand"
@@ -112,9 +112,10 @@ fingertip and a palm centre, and for two palms, which may be rotated and shifted
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return wrist positions (F, 3) by role, with hands in contact on the target if they are on the actor.
+    """Return wrist positions (F, 3) by role that keep the target's hands in contact while the actor's hands are.
 
-    Each hand moves by half of the mean gap between the touching pairs. The correction fades out as the contact ends.
+    Each hand moves by half of the mean gap between touching pairs of points. The correction fades out as the contact
+    ends.
     """
     places = list(_hand_places(actor, target, turns, goals))
     lefts, rights = ([place for place in places if place.side == side] for side in SIDES)
@@ -149,7 +150,7 @@ _LEAST_FILLED = 0.4  # Smallest fraction of cells that must contain skin.
 
 @dataclass(frozen=True)
 class Part:
-    """A body part: its skin, the role that moves it, its centre line and the section to use."""
+    """A body part: its skin, the role that rotates it, its centre line and the section of the line to use."""
 
     skin: str
     turned_by: str
@@ -241,7 +242,10 @@ def _solid(
 
 
 def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tuple[float, float]) -> np.ndarray | None:
-    """Return the radius in each table cell. Cells without skin use the radius of the nearest cell."""
+    """Return a table of skin radii by position and angle, or None if too few cells have skin.
+
+    Cells without skin use the radius of the nearest filled cell. ``table`` is the section of the centre line.
+    """
     low, high = table
     k = np.floor((share - low) / (high - low) * _SHARES).astype(int)
     m = np.floor(angle / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES
@@ -277,8 +281,9 @@ def keep_hands_on_body(
     """Return wrist positions that keep touching palms and fingertips as far from the skin as on the actor.
 
     A point has a relative position t along each part's centre line, an angle φ around it, and a distance d from it. The
-    target uses the same t and φ, and a distance scaled by hand size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. The
-    correction fades out as the contact ends. All touching parts and points of a hand have equal weights.
+    target uses the same t and φ, and a distance scaled by hand size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. The skin's
+    radius is r and the hand's length is s on the actor, r' and s' on the target. The correction fades out as the
+    contact ends. All touching parts and points of a hand have equal weights.
 
     Args:
         A: (N, 3, 3) map pose of the target.
@@ -305,7 +310,7 @@ def keep_hands_on_body(
 
 
 def _kept_on(actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Return how much a hand touches a body part (F,), from 0 to 1, and its place (F, 3) on the target's part."""
+    """Return a hand point's contact with a body part (F,), from 0 to 1, and its goal (F, 3) on the target's part."""
     joint, (low, high) = _joint_of(name), PARTS[name].span
     inner = np.swapaxes(actor.turns[:, joint], -1, -2) @ (place.place - actor.joints[:, joint])[..., None]
     share, angle, distance = own.coordinates(inner[..., 0])

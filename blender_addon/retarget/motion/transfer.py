@@ -54,7 +54,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     """Transfer a motion by the rotations ``D_c = D_j A_c``, and scale the paths of feet and hands.
 
     D_j is the actor's rotation of the joint that rotates control c, and A_c is the map pose. The hips follow the
-    actor's hips and move if a leg is too short. Finally, every limb is bent to its goal.
+    actor's hips. If a leg is too short to reach its goal, the hips move. Finally, every limb is bent to reach its goal.
     """
     scale = settings.scale or scale_of(measure_proportions(actor, target))
     carrier = target.index("carrier") if "carrier" in target.roles else target.index("pelvis")
@@ -123,7 +123,7 @@ def _foot_goals(
 
 
 def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
-    """Return the path (F, 3) of the target's hips: ``s p``, raised if the target's ankles are higher."""
+    """Return the target's hip path (F, 3): the actor's path, scaled, and raised if the target's ankles are higher."""
     hips = scale * actor.joints[:, _HIPS].mean(1)
     feet = [c for c in (target.index(f"{side}_foot") for side in SIDES) if c >= 0]
     if not feet:
@@ -182,7 +182,7 @@ def within_arms(
     goals: dict[str, np.ndarray],
     touching: dict[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], float]:
-    """Limit the wrist goals (F, 3) of touching hands to the arm's reach. Also return the largest cut in metres."""
+    """Move wrist goals (F, 3) of touching hands within the arm's reach. Also return the largest change in metres."""
     kept, beyond = dict(touching), 0.0
     for side in SIDES:
         *_, hand = roles = LIMBS[f"{side}_arm"]
@@ -231,7 +231,7 @@ def _follow_limbs(actor: Actor, target: Target, turns: np.ndarray, places: np.nd
 def _pole(
     target: Target, turns: np.ndarray, places: np.ndarray, pole: int, bones: list[int], A: np.ndarray, axis: np.ndarray
 ) -> np.ndarray:
-    """Return pole positions (F, 3) for IK about the hinge of the upper bone."""
+    """Return the positions (F, 3) of an IK pole. It keeps its rest position relative to the limb and its hinge."""
     upper, _, end = bones
     rest = target.heads
     own = limb_frame(rest[end] - rest[upper], A[upper].T @ axis)
