@@ -37,7 +37,7 @@ EXPLAINED = 0.7
 """Smallest fraction of all tracked positions that a path must explain. In simulations, a true path explains 0.89 if one
 of twenty tracks drifts. A path whose error is 15 % because the camera zooms explains 0.56."""
 AGREEING = 0.7  # Fraction of the keyframes showing a point that must agree on it.
-LOCATED = 0.1  # Largest relative deviation of a point's distance at which the point determines positions. By hand.
+LOCATED = 0.3  # Largest relative deviation of a distance at which a point determines positions. By simulated stops.
 BLOCK = 32  # Number of frames posed together.
 _STEPS = 12  # Number of steps used to estimate a pose. Chosen by hand.
 

@@ -167,6 +167,19 @@ def test_a_stop_without_common_points_shows_no_path() -> None:
     assert estimate_path(camera(), Tracks.of(tracks(R, t))) is None
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "frames"), [(4, 5), (4, 10)])
+def test_a_fast_pan_shows_no_path_or_keeps_the_scale(seed: int, frames: int) -> None:
+    R, t = camera_way(pelvis(90), FPS, "hand-held", seed)
+    pan = exp_so3(np.clip((np.arange(90) - 42) / frames, 0.0, 1.0)[:, None] * np.radians(80.0) * [0.0, 1.0, 0.0])
+    R, t = pan @ R, np.einsum("fab,fb->fa", pan, t)
+    found = estimate_path(camera(), Tracks.of(tracks(R, t)))
+    assert (found is None) == (frames == 5)
+    if found is not None:
+        error, walked = off_m(found.R, -np.einsum("fba,fb->fa", found.R, found.t), (R, t))
+        assert error < 0.01 * walked
+
+
 def test_memory_of_tracks_grows_with_the_pictures() -> None:
     names = tuple(np.arange(10 * n, 10 * n + 400) for n in range(3000))
     long = Tracks(names, tuple(np.zeros((400, 2)) + n for n in range(3000)))
