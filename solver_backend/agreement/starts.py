@@ -117,6 +117,13 @@ def align_rows(detections: Detections, offsets: np.ndarray, first: int, stop: in
     return _at_rows(detections, np.arange(first, stop) + offsets[:, None])
 
 
+def as_numbered(detections: Detections) -> Detections:
+    """Align the rows of all cameras by their frame numbers."""
+    offsets = detections.starts[0] - detections.starts
+    first, stop = common_rows(offsets, detections.counts)
+    return align_rows(detections, offsets, first, stop) if stop > first else detections
+
+
 def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
     beyond, views = (rows < 0) | (rows >= detections.num_frames), np.arange(len(rows))[:, None]
     rows = np.clip(rows, 0, max(detections.num_frames - 1, 0))

@@ -17,6 +17,7 @@ from solver_backend.agreement.starts import (
     CameraStarts,
     StartEvidence,
     align_rows,
+    as_numbered,
     at_one_rate,
     common_rows,
     find_starts,
@@ -113,13 +114,6 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     cut = replace(capture, keypoints=shift(capture.keypoints), people=people).frames(first, stop)
     pictures = tuple(picture + by for picture, by in zip(cut.footage_first, late.tolist(), strict=False))
     return replace(cut, footage_first=pictures)
-
-
-def as_numbered(detections: Detections) -> Detections:
-    """Align the rows of all cameras by their frame numbers."""
-    offsets = detections.starts[0] - detections.starts
-    first, stop = common_rows(offsets, detections.counts)
-    return align_rows(detections, offsets, first, stop) if stop > first else detections
 
 
 def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:

@@ -16,13 +16,14 @@ from solver_backend.agreement.explain import assigned_by_views
 from solver_backend.agreement.person_selection import SelectedPerson, select_in_one_view, select_people
 from solver_backend.agreement.reading import MIN_CONFIDENCE, Detections
 from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
+from solver_backend.agreement.starts import as_numbered
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import CalibrationMissing, NoDetections
 from solver_backend.exchange.reading_settings import DEFAULTS, ON, calibrated_names
 from solver_backend.exchange.solve_settings import SYNC_OFF
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.search import find_calibration, levels_above
-from solver_backend.io.captures.agreement import as_numbered, bring_to_agreement
+from solver_backend.io.captures.agreement import bring_to_agreement
 from solver_backend.io.detections.named_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import TrialConfig, camera_sources, listed_paths, read_config
