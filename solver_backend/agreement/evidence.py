@@ -152,6 +152,7 @@ class TakeEvidence:
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self.suspects = tuple(range(self.views))  # Views that may have a fault.
+        self._cameras = [cameras.subset([owner]) for owner in range(len(cameras))]
         self._corrections: dict[tuple[int, CameraCorrection], Cameras] = {}
         self._points: dict[PointsKey, ViewRays] = {}
         self._counts: dict[tuple[ViewKey, ViewKey], np.ndarray] = {}
@@ -190,7 +191,7 @@ class TakeEvidence:
             self._read(view, owner, wanted)
 
     def _read(self, view: int, owner: int, keys: Sequence[PointsKey]) -> None:
-        camera = self._corrected(owner)
+        camera = self._cameras[owner]
         lens = camera.K[0, [0, 1], [0, 1]], camera.K[0, :2, 2]
         pixels, outside, focal = list[np.ndarray](), list[float](), list[float]()
         for _, _, picture, sides, late in keys:
@@ -202,8 +203,8 @@ class TakeEvidence:
                 xy = np.where(((at >= 0) & (at < self.num_frames))[:, None, None], xy, np.nan)
             xy = xy[:, self._mirror] if sides else xy
             xy = unmirror(xy, picture.turn, size) if picture.mirrored else unturn(xy, picture.turn, size)
-            beyond = ((xy < -0.03 * size) | (xy > 1.03 * size)).any(-1)
-            outside.append(float(beyond.sum() / max(np.isfinite(xy[..., 0]).sum(), 1)))
+            beyond = (xy < -0.03 * size) | (xy > 1.03 * size)
+            outside.append(float((beyond[..., 0] | beyond[..., 1]).sum() / max(np.isfinite(xy[..., 0]).sum(), 1)))
             pixels.append((((xy + 0.5) / picture.size - 0.5) - offset) / scale)
             focal.append(float(np.sqrt(np.prod(lens[0] * scale)) * picture.size))
         xy = np.stack(pixels)
@@ -227,7 +228,7 @@ class TakeEvidence:
     def _corrected(self, owner: int, **change: Any) -> Cameras:
         key = owner, CameraCorrection(**change)
         if key not in self._corrections:
-            self._corrections[key] = corrected(self.cameras.subset([owner]), [key[1]])
+            self._corrections[key] = corrected(self._cameras[owner], [key[1]])
         return self._corrections[key]
 
     def key(self, reading: Reading, view: int) -> ViewKey:
@@ -255,12 +256,12 @@ class TakeEvidence:
         return keys
 
     def _count(self, pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
-        missing = dict[tuple[PoseKey, PoseKey], list[tuple[ViewKey, ViewKey]]]()
-        for pair in dict.fromkeys(pairs):
+        missing = dict[tuple[PoseKey, PoseKey], dict[tuple[ViewKey, ViewKey], None]]()
+        for pair in pairs:
             if pair not in self._counts:
-                missing.setdefault((pair[0][1], pair[1][1]), []).append(pair)
+                missing.setdefault((pair[0][1], pair[1][1]), {})[pair] = None
         for poses, wanted in missing.items():
-            counted = count_in_bins(self._distances(poses, wanted), self.weight[:, None])
+            counted = count_in_bins(self._distances(poses, [*wanted]), self.weight[:, None])
             self._counts.update(zip(wanted, counted, strict=True))
         return np.array([self._counts[pair] for pair in pairs]).reshape(-1, BINS)
 
