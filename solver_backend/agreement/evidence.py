@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -298,17 +298,22 @@ class TakeEvidence:
         weight = counts.sum(1)
         return (noise.density - UNRELATED) * weight / max(float(weight.max(initial=0.0)), 1e-9), noise
 
+    def comparisons(self) -> float:
+        """Return the number of constraints between the views if all errors were independent."""
+        (distance,) = self.distances([Reading.as_written(self.views)])
+        share = min(1.0, (2 * self.views - 3) / max(len(self.pairs), 1))
+        return float((np.isfinite(distance) * self.weight[:, None]).sum()) * share
+
     def constraints(self, reading: Reading) -> float:
         """Return the number of independent constraints between the views.
 
         Errors common to a pose, and constant offsets of a joint, count as one observation each (Kish 1965).
         """
-        everything, distance = (self.distances([one])[0] for one in (replace(reading, left_out=()), reading))
-        total, count = (float((np.isfinite(d) * self.weight[:, None]).sum()) for d in (everything, distance))
+        (distance,) = self.distances([reading])
         sigma = float(self.noise([reading]).sigma[0])
         z = self.per_pose(np.nan_to_num(np.clip(distance / sigma, -3, 3)), 1)
-        common = ((z.sum(2) ** 2).sum() + (z.sum(1) ** 2).sum()) / max(count, 1.0) - 1
-        return total * min(1.0, (2 * self.views - 3) / max(len(self.pairs), 1)) / max(1.0, float(common))
+        count = max(float((np.isfinite(distance) * self.weight[:, None]).sum()), 1.0)
+        return self.comparisons() / max(1.0, float(((z.sum(2) ** 2).sum() + (z.sum(1) ** 2).sum()) / count - 1))
 
     def pair_noise(self, reading: Reading) -> tuple[list[tuple[int, int]], Noise]:
         """Return the pairs of views with common keypoints, and the noise of each pair."""

@@ -127,7 +127,7 @@ class _Search:
         self.is_whole = rows is ROWS  # True for a whole take, with the conventions of its files.
         self.rows = [row for row in rows if not (names_stated and row is exchange_names)]
         self.is_alone = is_alone  # Among several people the largest one may differ between views.
-        self.constraints = self.quick.constraints(written)
+        self.constraints = self.quick.comparisons()  # The errors of a wrong reading depend on each other.
         self.effect: float | None = None  # Bone lengths per independent one, for the most likely interpretation.
         self._proposed: dict[tuple[Row, Reading], list[Reading]] = {}
 
