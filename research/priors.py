@@ -234,7 +234,7 @@ class GaussianMixture(PosePrior):
 
 
 def load_gmm(path: Path | str = ASSETS / "gmm.npz") -> GaussianMixture:
-    """Load the stored weights of the Gaussian mixture. Errors are those of ``read_mixture``."""
+    """Load the stored weights of the Gaussian mixture. Raises the errors of ``read_mixture``."""
     return GaussianMixture(*read_mixture(Path(path)))
 
 

@@ -80,7 +80,8 @@ def call(command: list[str], out: IO[str] | None) -> int:
 def compile_once() -> dict[str, str]:
     """Return environment variables that make Python store compiled modules in the virtual environment.
 
-    Compiling takes more than half of the test collection time, and every program that the tests start imports again.
+    Compiling takes more than half of the test collection time, and the tests start many programs that import the
+    modules again.
     """
     env = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     in_turn = {} if COMPILED_BEFORE else {"MOCAP_COLLECT_IN_TURN": "1"}

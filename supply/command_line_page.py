@@ -79,7 +79,7 @@ def _shared(program: Program) -> list[Setting]:
 
 
 def _most_frequent(counts: Counter[Setting], least: int) -> list[Setting]:
-    """Return the rows with at least ``least`` counts. Of rows with the same name, the most frequent counts."""
+    """Return the arguments that occur at least ``least`` times. Of two with the same name, return the more frequent."""
     most = {_name(row): row for row, _ in reversed(counts.most_common())}
     rows = (row for row in most.values() if counts[row] >= least and (row.positional or row.name != "out"))
     return sorted(rows, key=lambda row: (not row.positional, _name(row)))
@@ -90,7 +90,7 @@ def _name(row: Setting) -> str:
 
 
 def _settings(verb: Verb, row: Setting) -> str:
-    """Return the link to a settings group that contains the row and is part of the verb, or ""."""
+    """Return the link to an argument's settings group if the verb has enough of that group, or else ""."""
     for name, least, link in _SETTINGS:
         group = named_settings()[name]
         if row in group and sum(own in group for own in verb.settings) >= least * len(group):
@@ -154,5 +154,5 @@ def _values(row: Setting) -> str:
 
 
 def _lists_choices(row: Setting) -> bool:
-    """Return whether the argument cell lists the values. Otherwise, the description lists them."""
+    """Return whether the table's argument cell lists the choices. Otherwise, the argument's description lists them."""
     return bool(row.choices) and (not row.metavar or not row.of_class) and row.metavar != "CODE"

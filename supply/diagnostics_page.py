@@ -88,7 +88,7 @@ def errors_page() -> str:
 
 
 def _forms(entry: DiagnosticEntry) -> list[str]:
-    """Return a diagnostic's message, and other forms of it for parameter values of several words."""
+    """Return a diagnostic's message, and its variants for parameter values of several words."""
     values = {name: [*words.values()] for name, words in entry.words.items()}
     usual = {name: words[0] for name, words in values.items() if len(words) > 1}
     forms = [_filled(entry.text, usual)]

@@ -12,7 +12,7 @@ from supply.licences import CI_EXTRAS, ROOT, installed
 
 LOCK = ROOT / "requirements-ci.lock"
 _OF_THE_MACHINE = "torch"
-"""Package whose archives, and so their hashes, differ between processors or GPUs."""
+"""Package with different archives, and so different hashes, for each processor and GPU."""
 _HEAD = """\
 # Written by python -m supply lock, for Python 3.11. To install: pip install --require-hashes -r requirements-ci.lock
 # torch is not among them: its archives differ by processor and GPU.
@@ -23,7 +23,7 @@ def write_lock(path: Path = LOCK) -> Path:
     """Write the lock file for the installed versions.
 
     Raises:
-        CalledProcessError: uv cannot resolve them, and reports the reason.
+        CalledProcessError: uv cannot resolve the versions, and reports the reason.
     """
     pins = [f"{p.metadata['Name']}=={p.version}" for p in installed(CI_EXTRAS) if p.metadata["Name"] != _OF_THE_MACHINE]
     with tempfile.TemporaryDirectory() as name:

@@ -139,7 +139,7 @@ class Figures:
         """Build a row of the data file with its figures.
 
         Raises:
-            KeyError: a figure that it refers to is missing.
+            KeyError: a figure that the row refers to is missing.
         """
         shared = {key: value[key] for key in ("source", "table", "what", "log") if key in value}
         if "not_applicable" in value:
@@ -270,11 +270,11 @@ def network_table(baseline: Mapping[str, Any]) -> list[str]:
 
 
 def column_tables(data: Mapping[str, Any], baseline: Mapping[str, Any]) -> list[str]:
-    """Return thesis tables 4.1 to 4.3 relative to the base, with our and the published ratios.
+    """Return thesis tables 4.1 to 4.3 as ratios of each row to its base, with the published ratios in brackets.
 
     Args:
-        data: published figures of the base by set of poses, and of the rows with their benchmark and the prefixes of
-            the figures' keys of row and base.
+        data: published figures of the base (by set of poses) and of the rows. A row has its benchmark, and the prefixes
+            of its own and its base's figure keys.
         baseline: figures of all benchmarks. PCK may be missing.
     """
     lines = ["Figures of each row relative to its base, with the published ratio in brackets:", ""]

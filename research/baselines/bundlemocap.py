@@ -124,7 +124,7 @@ class _Slider:
         return self.prepared.result(name, slid.frames, layout.key_times, counts)
 
     def _keys_at(self, times: np.ndarray) -> KeyState:
-        """Fit keys to the points in visible frames near these times, and Gaussian codes also to the views."""
+        """Fit keys to the points in visible frames near these times. Gaussian codes are also fitted to the views."""
         problem, subject, seen = self.prepared.problem, self.prepared.subject, self.prepared.seen
         if self.keys is KEYS:
             return keys_near(problem, subject, times, seen)

@@ -74,7 +74,7 @@ class JointTargets:
 
 
 def first_differences(values: np.ndarray, J: np.ndarray, weight: float) -> Equations:
-    """Return the equations of ``1/2 w Σ_t |x_{t+1} - x_t|²`` for (F, m) and derivatives (F, m, 38)."""
+    """Return the equations of ``1/2 w Σ_t |x_{t+1} - x_t|²`` for values x (F, m) and derivatives J (F, m, 38)."""
     step, J_T = np.diff(values, axis=0), J.swapaxes(-1, -2)
     cost, by_values = np.zeros(len(values)), np.zeros_like(values)
     cost[1:] = 0.5 * weight * (step**2).sum(-1)

@@ -48,7 +48,7 @@ def _distance_spread(measured: np.ndarray) -> np.ndarray:
 def _carried(
     measured: np.ndarray, seen: np.ndarray, spread: np.ndarray, marker: int, end: int, gap: np.ndarray
 ) -> np.ndarray:
-    """Extrapolate a marker (n, 3) into a gap, from one end of the gap and along with its neighbours."""
+    """Extrapolate a marker (n, 3) into a gap from its position at one end, by the rigid motion of its neighbours."""
     whole = seen[end] & seen[gap].all(axis=0) & np.isfinite(spread)
     cluster = np.flatnonzero(whole)[np.argsort(spread[whole], kind="stable")][:NEIGHBOURS]
     if len(cluster) < 3:

@@ -23,7 +23,7 @@ Root = Literal["sider", "slerp", "se3"]
 
 @dataclass(frozen=True)
 class OtherWindow(Window):
-    """A window with another curve through its keys."""
+    """A window of the solver with a different curve through its keys."""
 
     gaussian: bool = False  # True for codes from a Gaussian prior, whose lengths are interpolated.
     latent_weight: float = 0.0  # Weight of ``|z|²/2`` in every frame.

@@ -73,7 +73,7 @@ class _LimitedMemory:
         return q
 
     def learn(self, manifold: Manifold, y: State, step: State, old: State, new: State) -> None:
-        """Project all pairs to the tangent space at ``y``. Add the latest if its curvature is positive."""
+        """Project all stored pairs to the tangent space at ``y``. Add the latest pair if its curvature is positive."""
         carried = [(manifold.project(y, s), manifold.project(y, d), p) for s, d, p in self.pairs]
         s = manifold.project(y, step)
         change = manifold.combine(1.0, new, -1.0, manifold.project(y, old))

@@ -107,8 +107,8 @@ def with_passerby(
     """Let a second person pass the first at a distance of ``clearance_m``, detected within ``reach_m``.
 
     Returns:
-        The capture, and the detections of both people in every view and frame, in changing order. The capture shows the
-        person whom the program selects or, if the detector finds only one person, the one who looks larger.
+        The capture, and the detections of both people in every view and frame, in random order. The capture shows the
+        person that the program selects or, with ``single_person_detector``, the person who looks larger.
     """
     cameras, keypoints = capture.require_multiview()
     rng = np.random.default_rng(seed)

@@ -26,9 +26,9 @@ _CHUNK = 64  # Number of frames processed together, which limits memory. Chosen 
 
 
 def around(pelvis: np.ndarray, num_views: int) -> Cameras:
-    """Return cameras on tripods that see a person on the whole path (F, 3).
+    """Return cameras on tripods that see a person on the whole path ``pelvis`` (F, 3).
 
-    Two of them are roughly at a right angle to each other.
+    Two of the cameras are roughly at a right angle to each other.
     """
     low, high = pelvis.min(axis=0), pelvis.max(axis=0)
     centre = np.array([*(0.5 * (low + high))[:2], 0.95])

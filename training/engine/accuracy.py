@@ -112,10 +112,10 @@ def autoencoder_arrays(
 def pose_loss(truth: torch.Tensor, decoded: torch.Tensor, weight: torch.Tensor, orthogonality: float) -> torch.Tensor:
     """Return the reconstruction loss of poses: ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))``.
 
-    Distances are in dm. The points p are the joints, and tips on the axes of each joint's frame. They represent the
-    vertices of the mesh (L_rec). For L_orth, the thesis prints ``cos = (Tr - 1) / 2``, which decreases with the
-    difference, so 1 minus this is minimised. The factor 2 converts the mean over keys and intermediate frames into the
-    sum of two means.
+    Distances are in dm. The points p are the joints, and three tips on the axes of each joint's frame. They replace the
+    mesh vertices in the thesis' loss L_rec. For L_orth, the thesis prints ``cos = (Tr - 1) / 2``, which decreases with
+    the difference, so 1 minus this is minimised. The factor 2 converts the mean over keys and intermediate frames into
+    the sum of two means.
 
     Args:
         truth: (N, 21, 3, 3) true local rotations.

@@ -110,7 +110,7 @@ class EventLog:
         self._events = _summary_writer(folder, step)
 
     def figures(self, step: int, figures: dict[str, float]) -> None:
-        """Append the validation figures of a step to both logs."""
+        """Append the validation figures of a step to ``log.jsonl`` and to TensorBoard's events."""
         with self._path.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps({"step": step, **figures}) + "\n")
         self.scalars(step, {f"validation/{name}": value for name, value in figures.items() if name != "loss"})

@@ -107,7 +107,7 @@ OTHERS, FREE, PROP = 10, 4, 6
 
 @dataclass(frozen=True)
 class SpoiledClouds:
-    """B corrupted clouds with N = 53 + 10 + 4 + 6 slots for points."""
+    """B corrupted clouds with N slots: 53 markers, 10 points of other layouts, 4 ghosts and 6 points of a prop."""
 
     points: torch.Tensor  # (B, N, 3) points in metres.
     seen: torch.Tensor  # (B, N) mask of slots that contain a point.
@@ -116,7 +116,7 @@ class SpoiledClouds:
 
 @dataclass(frozen=True)
 class Corruption:
-    """Adds occlusion (4.22-4.24), ghosts (4.25), noise (4.26, 4.27), points of other layouts, and a hand-held prop."""
+    """Adds occlusion (thesis 4.22-4.24), ghosts (4.25), noise (4.26, 4.27), points of other layouts, and a prop."""
 
     device: str
     ghosts: bool = True
@@ -167,7 +167,7 @@ class Corruption:
         return torch.where(moved, cube, 0.0) + 0.001 * torch.randn(points.shape, device=self.device)
 
     def _free(self, points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return ghosts (B, 4, 3), from the Gaussian of the visible points or next to a marker, and a mask of them."""
+        """Return ghosts (B, 4, 3) and their mask. Each is near a marker or from the Gaussian of the visible points."""
         count, device = len(points), self.device
         gaussian = self.gaussian(points, seen)
         beside = points[:, torch.randint(points.shape[1], (FREE,), device=device)]
@@ -245,9 +245,9 @@ DOMINANT = 3  # Number of leading shape coefficients that 4.21 may replace.
 
 
 def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance: float = 0.5) -> torch.Tensor:
-    """Shift all coefficients of shapes (B, 10) by one number (4.20), and redraw up to three of the first ones (4.21).
+    """Shift all coefficients of shapes (B, 10) by one number, and redraw up to three of the first ones.
 
-    As in the paper, each augmentation is applied to half of the samples.
+    These augmentations (thesis 4.20 and 4.21) are each applied to half of the samples, as in the paper.
     """
     count, device = len(betas), betas.device
     shift = (2.0 * torch.rand(count, 1, device=device) - 1.0) * (torch.rand(count, 1, device=device) < shift_chance)
@@ -263,8 +263,8 @@ def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance:
 class ThesisCorruption:
     """Adds occlusion (4.22 to 4.24), ghosts from the other markers' Gaussian (4.25) and bounded offsets (4.26, 4.27).
 
-    The probabilities are from the paper. The numbers of hidden markers and ghosts and the size of the offsets are
-    chosen by hand, because thesis and paper do not state them.
+    The equations are from the thesis, and the probabilities from the paper. The numbers of hidden markers and ghosts
+    and the size of the offsets are chosen by hand, because thesis and paper do not state them.
     """
 
     device: str
@@ -407,7 +407,7 @@ class CloudStream:
         return everything[:, : len(PLACES)], everything[:, -NUM_JOINTS:]
 
     def _shapes(self, like: torch.Tensor) -> torch.Tensor:
-        """Return shapes (B, 10): a normal draw with the thesis' augmentation or with the product's own."""
+        """Draw normal shapes (B, 10), and shift or redraw coefficients as in the thesis or in our own way."""
         count, device = len(like), self.device
         betas = 0.7 * _normal(count, 10, like=like)
         if self.variety.thesis:

@@ -22,9 +22,10 @@ _FAR_M = 0.3  # Smallest distance in metres between two markers that determine a
 
 
 def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS, seed: int = 0) -> Path:
-    """Write mean and spread of marker distances, and of the logarithm of their change, over windows of poses.
+    """Write mean and spread over people of each marker distance, and of the logarithm of its change in a window.
 
-    Distances are relative to each person's size: the median ratio of distances over 0.3 m to their means.
+    Distances are divided by the person's size: the median of the person's distances relative to the mean of all people,
+    for marker pairs more than 0.3 m apart.
 
     Args:
         path: file to write.

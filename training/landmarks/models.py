@@ -56,8 +56,8 @@ def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> to
     """Return xy and yz views (B, 2, size, size) of normalised points (B, N, 3), with rows along y.
 
     The second view looks along +x, so z increases to the right. One network reads both views, so a mirrored view would
-    make left and right ambiguous. A marker covers 3 x 3 pixels. Their value is its nearness to the viewer, from 0.1 for
-    the cloud's farthest point to 1. Of several markers, the nearest one is visible.
+    make left and right ambiguous. A marker covers 3 x 3 pixels. Their value is the marker's nearness to the viewer,
+    from 0.1 for the cloud's farthest point to 1. If markers overlap, only the nearest one is visible.
     """
     near = _nearness(points, seen)
     xy = _splatted(points[..., 0], points[..., 1], 0.1 + 0.9 * near[..., 2], seen, size)
@@ -100,7 +100,7 @@ def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch
 
 
 def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, CanvasFrame, torch.Tensor]:
-    """Convert clouds to Y up, and return normalised points, their visibility, their frame and normalised targets."""
+    """Convert clouds to Y up. Return normalised points, the mask ``seen``, the frame and the normalised targets."""
     points = y_up(clouds.points)
     frame = frame_of(points, clouds.seen)
     return frame.normalised(points), clouds.seen, frame, frame.normalised(y_up(clouds.targets))
@@ -408,8 +408,9 @@ _SHARP_M = 0.01  # Distance in metres below which the loss is quadratic. Chosen 
 def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
     """Return the loss of a ``PointNet``: cross-entropy of the labels, plus distance and likelihood of the positions.
 
-    The label of a point is a softmax over markers and ghost. The point of a marker is a softmax over points and
-    "missing". Covariances do not affect positions during training, so that no landmark is neglected as uncertain.
+    For each point, a softmax over the markers and the ghost gives the label. For each marker, a softmax over the points
+    and "missing" gives the point. Covariances do not affect positions during training, so that no landmark is neglected
+    as uncertain.
     """
     weight = clouds.weight / clouds.weight.mean()
     seen = clouds.labels >= 0

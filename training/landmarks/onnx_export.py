@@ -44,8 +44,8 @@ def export_row(model: LandmarkModel, path: Path, *, overwrite: bool = False) -> 
     """Write the network of a table row to an ONNX file, with its pre-processing and post-processing.
 
     The inputs are ``points`` (B, N, 3) float32 in metres, Z up, and ``seen`` (B, N) bool, with at least one point per
-    cloud. The output is ``positions`` (B, L, 3) in metres of the landmarks ``model.columns``. Rows that use attention
-    over points also need their median at the origin.
+    cloud. The output is ``positions`` (B, L, 3) in metres of the landmarks ``model.columns``. For rows with attention
+    over points, each cloud's median must be at the origin.
 
     Raises:
         BackendMissing: the package onnx is not installed.

@@ -39,7 +39,7 @@ _PAIR = {part: SMPL.both(part) for part in ("hip", "ankle", "shoulder", "wrist")
 
 
 def groups_of(rotations: np.ndarray) -> np.ndarray:
-    """Return which poses (N, 22, 3, 3) belong to each group in ``GROUPS``, as a mask (N, 4). Pelvis first, Y up."""
+    """Return a mask (N, 4) of the poses (N, 22, 3, 3) in each group of ``GROUPS``. Pelvis first, Y up."""
     joints = _joints(rotations)
     upright = _lean_deg(rotations) < LEANING_DEG
     ankles = joints[:, _PAIR["ankle"], 1]
@@ -72,7 +72,7 @@ def _lean_deg(rotations: np.ndarray) -> np.ndarray:
 
 
 def _order(joints: np.ndarray, base: str, end: str) -> np.ndarray:
-    """Return how far in metres the left ``end`` is to the left of the right one, along hips or shoulders (``base``)."""
+    """Return how far the left ``end`` is to the left of the right ``end`` in metres, along hips or shoulders."""
     (left, right), (left_end, right_end) = _PAIR[base], _PAIR[end]
     across = joints[:, left] - joints[:, right]
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
@@ -166,7 +166,7 @@ def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPr
 
 
 def held_out_poses(held: list[Clip], far: list[Clip], rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Return the poses of the held-out takes: ``ordinary``, ``tail`` with ``tail_group`` and frames, and ``floor``."""
+    """Return poses of held-out takes: ``ordinary``, ``floor``, and ``tail`` with its groups. Frames are listed too."""
     rotations, names, frames = _laid_out([*held, *far])
     tail = groups_of(rotations)
     lying = on_the_floor(rotations) & ~np.char.startswith(names, f"{FAR}/")

@@ -169,9 +169,9 @@ def train_row(
 ) -> dict[str, Any]:
     """Train a row, evaluate it on all sets of poses, and write ``weights.npz`` and ``figures.json`` to ``out``.
 
-    The result is the weights with the smallest ``rmse3``. It is measured on a third of the ordinary poses, in the row's
-    kind of clouds. No figure uses these poses. With ``start``, training continues from another row's checkpoint with
-    this row's settings.
+    The result is the weights with the smallest ``rmse3`` on a third of the ordinary poses, in clouds of the kind that
+    the row is trained on. No figure uses these poses. With ``start``, training continues from another row's checkpoint
+    with this row's settings.
 
     Raises:
         TrainingMismatch: ``out`` contains a checkpoint of another row or with other settings.

@@ -38,7 +38,7 @@ _LABELS = ("labels.weight", "labels.bias", "missing")
 
 
 def calibrated(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Calibrate label scores: divide them by ``TEMPERATURE`` and lower the ghost's (Guo et al. 2017, eq. 9).
+    """Calibrate label scores: divide by ``TEMPERATURE``, and lower the ghost's score (Guo et al. 2017, eq. 9).
 
     Args:
         arrays: weights of ``PointNet`` by name. The last label is the ghost.

@@ -180,9 +180,10 @@ def blended(manifold: PoseManifold, count: int, generator: torch.Generator) -> P
 
 
 def projected(prior: PoseNDF, manifold: PoseManifold, count: int, generator: torch.Generator) -> Poses:
-    """Return about ``count`` poses that projections onto the field visit after 4, 12 and 40 steps.
+    """Return about ``count`` poses that are projected onto the field in 4, 12 or 40 steps.
 
-    A third starts from random poses (one sigma is 60 degrees about every axis), the others from rotated recorded ones.
+    A third of the projections start from random poses (one sigma is 60 degrees about every axis), and the others start
+    from rotated recorded poses.
     """
     third = count // 3
     random = quat_from_rotvec(

@@ -59,8 +59,8 @@ def possible_frames(corpus: Corpus) -> np.ndarray:
 def perturbed_validation(validation: Corpus, manifold: PoseManifold, count: int, *, even: bool = True) -> Labelled:
     """Return poses of unseen subjects, rotated by 1 to 60 degrees, and their distances to the training poses.
 
-    The standard deviation of the rotations is drawn uniformly, or uniformly in its logarithm. In the second case, half
-    of the poses are rotated by less than 8 degrees, and their distances mostly show how subjects differ.
+    The standard deviation of the rotations is drawn uniformly or, without ``even``, uniformly in its logarithm. Without
+    ``even``, half of the poses are rotated by less than 8 degrees, and their distances mostly show how subjects differ.
     """
     poses = unit_quats(torch.as_tensor(validation.rotations[possible_frames(validation)]))
     generator = torch.Generator().manual_seed(1)
@@ -77,7 +77,7 @@ class Stages:
         self._pools: dict[int, Labelled] = {}
 
     def poses(self, stage: int, before: list[PoseFieldNet]) -> Labelled:
-        """Return the poses of a stage and of all earlier stages, so that near poses are added to far poses.
+        """Return the poses of a stage together with the poses of all earlier stages.
 
         Args:
             stage: stage number, counted from 0.

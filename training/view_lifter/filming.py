@@ -34,14 +34,14 @@ _BLOCK = 2048  # Poses processed together, which limits memory. Chosen by hand.
 
 @dataclass(frozen=True)
 class Recordings:
-    """N frames of recordings with Y up."""
+    """N frames of recordings, Y up, and the body points in each frame."""
 
     local: torch.Tensor  # (N, 21, 3, 3) local rotations.
     root: torch.Tensor  # (N, 3, 3) rotations from body to world.
     place: torch.Tensor  # (N, 3) pelvis positions in metres.
     points: torch.Tensor
     """(N, 19, 3, 1 + SHAPES) half precision: points relative to the pelvis, and how they change per shape parameter."""
-    raised: torch.Tensor  # (N,) mask of upright poses in which both hands are above the head.
+    raised: torch.Tensor  # (N,) mask of upright poses with both hands above the head.
     clip_start: torch.Tensor  # (N,) first frame of the clip that each frame belongs to.
     clip_end: torch.Tensor  # (N,) end (exclusive) of the clip that each frame belongs to.
     centres: torch.Tensor  # (C,) centre frames of the windows.
@@ -50,14 +50,14 @@ class Recordings:
     def of(
         cls, corpus: Corpus, body: Body, exchanged: int, seed: int, device: torch.device = torch.device("cpu")
     ) -> Recordings:
-        """Return the recordings in a corpus, and copies in which limbs are exchanged.
+        """Return the recordings in a corpus, and copies with exchanged limbs.
 
         Args:
-            corpus: recordings. Clips whose pelvis rotation is unknown are not used.
-            body: body on which the visible points are defined.
+            corpus: recordings. Clips with an unknown pelvis rotation are not used.
+            body: body that defines the visible points.
             exchanged: number of copies.
             seed: seed of the exchange.
-            device: device on which the recordings are computed and stored.
+            device: device that computes and stores the recordings.
         """
         kept = np.isfinite(corpus.root).all(axis=(1, 2))
         number = np.cumsum(kept) - 1
@@ -142,7 +142,7 @@ def _points(body: Body, local: torch.Tensor, root: torch.Tensor) -> torch.Tensor
 def _with_limbs_of_others(
     local: torch.Tensor, start: torch.Tensor, end: torch.Tensor, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return recordings (N, 21, 3, 3) in which limbs are exchanged between clips, possibly from the other side."""
+    """Replace limbs in recordings (N, 21, 3, 3) by limbs of other clips. Half of these are mirrored."""
     out = local.clone()
     for first in start.unique().tolist():
         length = int(end[first]) - first
@@ -164,7 +164,7 @@ PITCH_DEG = (6.0, 11.0)  # Mean and standard deviation of the angle at which a c
 STEEP = 0.2  # Fraction of cameras that look from 25 degrees below to 65 degrees above.
 ROLL_DEG = 12.0  # Standard deviation of the camera's roll, as for hand-held telephones.
 TUMBLED = 0.15
-"""Fraction of windows in which the person rotates about a level axis by up to 180 degrees (somersaults, handstands)."""
+"""Fraction of windows with a rotation about a level axis by up to 180 degrees (somersaults, handstands)."""
 TURNED_OVER = 0.5  # Fraction of windows with raised hands that are inverted, so that the person stands on the hands.
 TURNED_OVER_DEG = 60.0  # Largest angle between an inverted person and the vertical.
 TURNING_DEG_S = 360.0  # Largest rotation rate of inverted people. Half of them do not rotate.
@@ -174,9 +174,9 @@ BIAS_M = 0.018  # Standard deviation of a point's bias per axis. The bias hardly
 THROWN = 0.03  # Fraction of points that are outliers.
 KNOWN_UP = 0.5  # Fraction of windows whose up direction is known.
 UP_DEG = 1.5  # Error of the up direction per axis.
-CUT = 0.12  # Fraction of windows in which the border of the picture cuts off a part of the person.
-LOST = 0.25  # Fraction of windows in which some points are missing for a time.
-EXCHANGED = 0.06  # Fraction of windows in which left and right limbs are exchanged for a time.
+CUT = 0.12  # Fraction of windows with a person who is partly outside the picture.
+LOST = 0.25  # Fraction of windows with points that are missing for a time.
+EXCHANGED = 0.06  # Fraction of windows with left and right limbs exchanged for a time.
 SHORT = 0.08  # Fraction of windows that are at the end of a take.
 FLAT = 0.1  # Fraction of windows without confidences. All visible points then have 1.
 _OTHER = {"left": "right", "right": "left"}
@@ -223,7 +223,7 @@ class FilmedWindows:
 
 
 def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> FilmedWindows:
-    """Return windows around frames (B,), each seen by a random camera, drawn on the device of the recordings."""
+    """Film windows around the frames ``centres`` (B,), each with a random camera, on the recordings' device."""
     with recordings.points.device:
         return _filmed(recordings, centres, generator)
 
@@ -266,7 +266,7 @@ def _filmed(recordings: Recordings, centres: torch.Tensor, generator: torch.Gene
 
 
 def _tumbles(raised: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return rotations (B, 27, 3, 3) about level axes. Most are zero, and some continue through the window."""
+    """Return rotations (B, 27, 3, 3) about horizontal axes. Most windows have none. In some, the angle changes."""
     count = len(raised)
     heading, turn, chance, rate, turning = torch.rand(5, count, generator=generator)
     over = raised & (chance < TURNED_OVER)
@@ -333,7 +333,7 @@ def _detected(
 
 
 def _behind_body(image: torch.Tensor, depth: torch.Tensor, distance: torch.Tensor) -> torch.Tensor:
-    """Return a mask (B, 27, 19) of points hidden by trunk, thighs or upper arms: near their axes and farther away."""
+    """Return a mask (B, 27, 19) of points behind the trunk, a thigh or an upper arm, and close to its axis."""
     first, last = (torch.tensor(ends) for ends in zip(*((a, b) for a, b, _ in _LIMBS), strict=True))
     start = torch.cat([image[:, :, 0:2].mean(2, keepdim=True), image[:, :, first]], dim=2)
     end = torch.cat([image[:, :, 2:4].mean(2, keepdim=True), image[:, :, last]], dim=2)
@@ -379,7 +379,7 @@ def _lost(image: torch.Tensor, behind: torch.Tensor, generator: torch.Generator)
 
 
 def _cut(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return a mask (B, 27, 19) of points outside the image, in windows whose person is at the edge of the image."""
+    """Return a mask (B, 27, 19) of points outside the image. In some windows, an image edge cuts off the person."""
     count = len(image)
     angle = torch.where(
         torch.rand(count, generator=generator) < 0.6,

@@ -43,7 +43,7 @@ class FittedMarkers:
 
 
 def fit_markers(cloud: MarkerCloud, body: Body, prior: SPoser, settings: MarkerFit = MarkerFit()) -> FittedMarkers:
-    """Fit shape and marker offsets to sampled frames, then all frames with the prior, then each joint freely.
+    """Fit shape and marker offsets to sampled frames, then the poses of all frames, then each joint's rotation.
 
     Args:
         cloud: F frames of L named markers.
@@ -82,7 +82,7 @@ def free_joints(
     iterations: int = 12,
     block: int = 512,
 ) -> PosedFrames:
-    """Fit each joint's rotation freely. The prior's reconstruction error keeps it near its initial value."""
+    """Fit joint rotations instead of codes. The prior's reconstruction error limits their change from the start."""
     parts = [slice(i, i + block) for i in range(0, len(start.transl), block)]
     fitted = [_free(subject, start.select(p), objective.select(p), prior, scale, iterations) for p in parts]
     return PosedFrames.concatenate(fitted)
