@@ -109,7 +109,7 @@ class Job(JobFile):
         return job
 
     def reading(self) -> dict[str, Any]:
-        """Return the arguments of ``load_capture``."""
+        """Return the job's values for the keyword arguments of ``load_capture``."""
         return {name: getattr(self, name) for name in READING} | {"sync": self.settings.sync}
 
 

@@ -92,7 +92,10 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
 
 
 def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
-    """Undo the clockwise quarter turns of images in the camera rotations R (C, 3, 3). ``turns`` has C numbers."""
+    """Correct the camera rotations R (C, 3, 3) for images that were rotated clockwise.
+
+    ``turns`` is the number of quarter turns of each camera's image.
+    """
     once = [np.linalg.matrix_power(QUARTER.T, turn) for turn in turns]
     return np.stack(once) @ R
 
@@ -111,10 +114,10 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
 
 
 def _reshaped(cameras: Cameras, c: int, window: Window) -> Cameras:
-    """Adapt one camera to the part of its image that was recorded: ``u' + 0.5 = s (u + 0.5) + o`` px.
+    """Adapt one camera to the part of its image that was recorded, and to its pixel aspect ratio.
 
-    ``s`` is the pixel aspect ratio, and ``o`` shifts the left and top edges. The right and bottom edges of the image
-    stay the same, because the window does not specify them.
+    Pixel u becomes ``u' = s (u + 0.5) + o - 0.5``, where s is the pixel aspect ratio and o shifts the left and top
+    edges. The image is not cropped at the right and bottom.
     """
     scale, offset = np.array([window[0], 1.0]), cameras.image_size[c, 1] * np.array(window[1:])
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
@@ -150,9 +153,9 @@ COMPARED = 16  # Largest number of cameras for which all pairs are compared, if 
 def compared_pairs(count: int, each: int = COMPARED, neighbours: int = 0) -> list[tuple[int, int]]:
     """Choose the camera pairs (i < j) to compare among ``count`` cameras, in ascending order.
 
-    Up to ``each`` cameras are all compared with each other. With more cameras, a camera is only compared with the
-    next ``neighbours`` cameras (``each - 1`` if 0), where the first camera follows the last one. This connects all
-    cameras, and the number of pairs only grows linearly.
+    If there are at most ``each`` cameras, all pairs are compared. Otherwise, each camera is compared with the next
+    ``neighbours`` cameras (``each - 1`` if 0), and the first camera follows the last one. This connects all cameras,
+    and the number of pairs only grows linearly.
     """
     others = range(1, count if count <= each else (neighbours or each - 1) + 1)
     return sorted({(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c})

@@ -26,7 +26,7 @@ LARGEST_MM = 10_000.0  # Largest standard deviation of a detection at the person
 
 @dataclass(frozen=True)
 class NoiseMap:
-    """Standard deviations of a detector's keypoints, measured at B steps of the detector's confidence."""
+    """Standard deviations of a detector's keypoints, measured at B levels of the detector's confidence."""
 
     detector: str
     confidence: np.ndarray

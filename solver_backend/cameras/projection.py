@@ -235,8 +235,8 @@ AnyCameras = Cameras | CameraArrays
 def project(cameras: AnyCameras, points: Points) -> ImagePoints:
     """Project world points to pixels (C, ..., 2): ``K distort((R x + t)/z)``.
 
-    Moving cameras need points (F, ..., 3), one row per frame. Pixels of points that are not visible are NaN (see the
-    module).
+    Moving cameras need points (F, ..., 3), one row per frame. The pixels are NaN for points behind the camera, and for
+    points beyond the valid radius of the lens distortion (``largest_radius``).
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with lens distortion.
     """

@@ -40,10 +40,10 @@ class UndistortedViews:
 
     @cached_property
     def candidates(self) -> list[tuple[Array, Array, Array, Array]]:
-        """Points (3, N) triangulated from each of several subsets of the views, and a mask (N,) of valid points.
+        """Triangulations from several subsets of the views, with their errors in all views.
 
-        Each subset also has the squared reprojection errors (C, N) in px² in all views, and a mask (C, N) of points in
-        front of the cameras.
+        Each item contains the points (3, N), a mask (N,) of valid points, the squared reprojection errors (C, N) in
+        px², and a mask (C, N) of points in front of the cameras.
         """
         xp = array_namespace(self.weight)
         equations = _ray_equations(self)

@@ -55,7 +55,10 @@ def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Key
 
 
 def _panning(way: np.ndarray, fps: float) -> np.ndarray:
-    """Return rotations (F, 3, 3) of a level camera that smoothly follows horizontal directions (F, 2), 0 if unknown."""
+    """Return rotations (F, 3, 3) of a level camera that smoothly follows horizontal directions (F, 2).
+
+    A direction of zero length is unknown.
+    """
     known = np.flatnonzero(np.linalg.norm(way, axis=1) > 0)
     known = known if len(known) else np.arange(len(way))
     heading = np.unwrap(np.arctan2(way[known, 1], way[known, 0]))

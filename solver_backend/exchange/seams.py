@@ -402,7 +402,7 @@ def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _arc(angle: float | np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) mean rotation from 0 to an angle about Z (left Jacobian of SE(2))."""
+    """Return the (..., 3, 3) mean of all rotations about Z from 0 to ``angle`` (left Jacobian of SE(2))."""
     half = np.asarray(angle) / 2.0
     return np.sinc(half / np.pi)[..., None, None] * matrix_from_rotvec(half[..., None] * [0.0, 0.0, 1.0])
 

@@ -200,7 +200,7 @@ def check_settings(values: Any) -> None:
 
 
 def _in_metres(row: Setting, value: Any) -> str:
-    """Return a hint if a length would be valid in cm or mm, otherwise ""."""
+    """Return a hint if a length that is invalid in metres would be valid in cm or mm, otherwise ""."""
     sizes = (value / 100, value / 1000) if row.unit == "m" and _is_number(value, Real) and value > 0 else ()
     valid = [size for size in sizes if row.accepts(size)]
     return f"Lengths are in metres: {valid[0]:g}." if valid else ""

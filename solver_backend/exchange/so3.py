@@ -77,7 +77,7 @@ def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
 def sign_continuous(quat: np.ndarray) -> np.ndarray:
     """Choose the signs of (F, ..., 4) quaternions so that neighbours have ``q · q' >= 0``.
 
-    q and -q are the same rotation, but curves between them pass through zero.
+    q and -q are the same rotation, but an interpolation from one to the other passes through zero.
     """
     flip = np.ones(quat.shape[:-1])
     flip[0] = np.where(quat[0, ..., 0] < 0, -1.0, 1.0)

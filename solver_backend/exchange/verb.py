@@ -115,7 +115,7 @@ class Parser(argparse.ArgumentParser):
     rows: Collection[Setting] = ()
 
     def error(self, message: str) -> NoReturn:
-        """Raise ``CommandLineInvalid``, with the option's help, a suggested word or the usage as hint."""
+        """Raise ``CommandLineInvalid``. Its hint is the option's help, a suggested word, or the usage."""
         hint = " ".join(["Usage:", *self.format_usage().split()[1:]])
         if named := re.fullmatch(r"argument (\S+): (.*)", message, re.DOTALL):
             name, text = named[1].split("/")[-1], named[2]

@@ -22,10 +22,11 @@ def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Se
     """Yield the settings that a list in a table describes. Raise ``KeyError`` for unknown names.
 
     Args:
-        items: each is a name in ``named``, or the fields of a ``Setting``. The name is under the key ``place`` for an
-            argument, ``flag`` for a flag and ``name`` for an option. ``out`` is the metavar of the option ``--out``.
-            ``like`` copies a named setting and replaces the other fields. An output file must have the suffix of its
-            metavar, because readers recognise our files by their suffix.
+        items: each is a name in ``named``, or a mapping with the fields of a ``Setting``. The setting's name is under
+            the key ``place`` for a positional argument, ``flag`` for a flag and ``name`` for an option. The key ``out``
+            declares the option ``--out``, and its value is the metavar. The key ``like`` copies a setting in ``named``,
+            and the remaining keys replace fields of the copy. An output file must have the suffix in its metavar,
+            because readers recognise our files by their suffix.
     """
     for item in items:
         if isinstance(item, str):

@@ -54,9 +54,9 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
 
 
 def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the takes if the recorded names are several takes of the same cameras, else ().
+    """Return the take names if the recorded names contain several takes of the same cameras, else ().
 
-    ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` are the takes walk and run by two cameras.
+    ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` give ``walk`` and ``run``.
     """
     keys = _name_keys(calibrated)
     cameras_of: dict[str, set[int]] = {}

@@ -105,9 +105,9 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
 def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.ndarray:
     """Assign each pose to a frame of the take, counted from 0.
 
-    Frame numbers count from 0 or 1. If they exceed the take, the first number belongs to the take's first frame. Time
-    stamps within the take are video times, because trackers may start late. Otherwise, the first time stamp belongs to
-    the take's first frame.
+    Frame numbers count from 0 or 1. If a number exceeds the take's length, the first pose belongs to the first frame.
+    If all time stamps lie within the take, they count from its start, because a tracker may start late. Otherwise, the
+    first time stamp belongs to the first frame.
     """
     at, last = stated.at, max(frames - 1, 1)
     units = (1.0, *(fps * tick for tick in _TICKS if stated.clock == SECONDS))

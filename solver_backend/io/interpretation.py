@@ -42,7 +42,7 @@ for this check.
 def interpret_rate(
     given: float | None, stated: Sequence[tuple[float | None, Diagnostic]], default: float
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Choose the frame rate of detections. Also return a note about its source, or a problem if it is only assumed.
+    """Choose the frame rate of detections. Also return a note about its source, or a warning if it is assumed.
 
     The user's rate takes precedence. Otherwise, the first known rate in ``stated`` is used, with its note.
     """
@@ -115,7 +115,7 @@ def _array_width(entries: list[CameraEntry]) -> float:
 
 
 def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
-    """Convert the markers of a file to metres with Z up. The result contains notes on assumptions, and problems.
+    """Convert the markers of a file to metres with Z up. The result includes notes on assumptions, and warnings.
 
     Raises:
         NoDetections: the file has no markers, or no marker is ever visible.
@@ -210,10 +210,10 @@ _NINES = 9999.0  # Smallest number that consists only of nines, which programs w
 def without_sentinels(
     positions: np.ndarray, labels: Sequence[str]
 ) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Replace missing markers in positions (F, M, 3) by NaN. Also return notes and problems.
+    """Replace missing markers in positions (F, M, 3) by NaN. Also return notes and warnings.
 
-    Many programs write 0 0 0 for a missing marker. Others write a sentinel: one number on all axes (-9999, 1e6) or only
-    nines.
+    Many programs write 0 0 0 for a missing marker. Others write a sentinel, which is an impossible position: the same
+    number on all axes (-9999, 1e6), or numbers whose digits are all 9.
     """
     x, y, z = np.moveaxis(positions, -1, 0)  # NumPy is slow at reducing an axis of length three
     origin = (x == 0) & (y == 0) & (z == 0)

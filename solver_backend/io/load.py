@@ -52,7 +52,7 @@ MOTIONS: Readers[Motion | AmassClip | BvhClip] = Readers(
 def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTURES, **options: Any) -> Capture:
     """Read a capture with the first reader that recognises the path, and select the person.
 
-    Options are fields of ``ReadOptions``. The capture contains notes on assumptions, and problems.
+    Options are fields of ``ReadOptions``. The capture includes notes on assumptions, and warnings.
 
     Raises:
         CaptureNotRecognised: no reader recognises the path.

@@ -110,7 +110,7 @@ def _content(path: Path) -> Any:
 
 
 def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
-    """Return the bytes that the content would need if every shared list and array were copied at each use."""
+    """Return the size in bytes of nested content if every shared list and array were stored once per use."""
     value = finished(value) if isinstance(value, UnbuiltArray) else value
     if isinstance(value, Stored | np.ndarray):
         return value.size if isinstance(value, Stored) else value.nbytes
@@ -271,7 +271,7 @@ def _values(data: bytes, kind: Any, count: Any) -> np.ndarray:
 
 
 def _loaded(data: Any = b"", *_: Any) -> Any:
-    """Read a tensor's storage that a pickle contains as the bytes of a PyTorch file."""
+    """Read a tensor that is stored in a pickle as the bytes of a complete PyTorch file."""
     return _older_torch(bytes(data), Path("tensor"), least=0)
 
 

@@ -115,7 +115,7 @@ def _contents(folder: Path) -> str:
 
 
 def _matching(folders: Iterable[Path], formats: Iterable[tuple[str, str, str]]) -> tuple[str, str] | None:
-    """Return the type of unsupported detections in the folders, and how to convert them, or None."""
+    """Name the first unsupported detections in the folders, and how to convert them. Return None if there are none."""
     there = [folder for folder in folders if folder.is_dir()]
     below = [path for folder in there for path in sorted(folder.iterdir()) if path.is_dir()]
     names = [(folder, name.lower()) for folder in (*there, *below) for name in _few_names(folder)]

@@ -111,7 +111,10 @@ def _axes(sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and upper corner (2,) in metres of a person's projection with confidence ellipses."""
+    """Return two corners (2,) in metres of the box around projected joints and their confidence ellipses.
+
+    ``points`` (J, 3) are projected onto the two ``axes`` (2, 3).
+    """
     flat, reach = points @ axes.T, ELLIPSE * np.sqrt(np.einsum("ka,jab,kb->jk", axes, covariance, axes))
     return (flat - reach).min(axis=0), (flat + reach).max(axis=0)
 

@@ -127,7 +127,7 @@ def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
 
 
 def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
-    """Yield a diagnostic if all markers are on one limb, and only their labels tell whether it is left."""
+    """Yield a diagnostic if all markers are on one limb, and only their labels distinguish left from right."""
     named = [place for place in places if place[:1] in ("L", "R") and not is_joint_centre(place)]
     if len(named) < len(places) or not of_one_limb(named, load_layouts()):
         return
@@ -242,9 +242,10 @@ class ViewAgreement:
 def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
     """Find the views that agree with the solved body in each frame.
 
-    A view agrees if its detections of the person are near the projected body. If a view detects another person at the
-    body's position instead, it disagrees, provided that at least two views detect the solved person, and no view shows
-    both people apart. Views without either person and views that the user excluded do not count.
+    A view agrees if its detections of the solved person are near the projected body. A view disagrees if it detects
+    another person there. This is only tested in frames in which at least two views detect the solved person, and no
+    view shows the two people in different places. Views that show neither person and views that the user excluded do
+    not count.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)
@@ -270,7 +271,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
 
 
 def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
-    """Return the (C, F, K, 2) pixels of the body's projected keypoints, or the detections without a 3D body."""
+    """Return the (C, F, K, 2) pixels of the body's projected keypoints. Without 3D keypoints, return the detections."""
     assert capture.cameras is not None and capture.keypoints is not None
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)

@@ -100,10 +100,10 @@ def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Ge
 
 
 def bursts(draws: np.ndarray, share: float, length: float) -> np.ndarray:
-    """Convert uniform random numbers to a mask of bursts along the frames, a Markov chain.
+    """Convert uniform random numbers ``draws`` (C, F, ...) in 0..1 to a mask of bursts over the F frames.
 
-    Bursts have the mean duration ``length`` in frames. The fraction ``share`` of the mask is True.
-    ``draws`` (C, F, ...) are uniform in 0..1.
+    The bursts are a Markov chain. Their mean duration is ``length`` frames, and they cover the fraction ``share`` of
+    the mask.
     """
     leave = 1.0 / length
     enter = leave * share / (1.0 - share)

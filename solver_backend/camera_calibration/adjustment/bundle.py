@@ -23,7 +23,7 @@ PLACE_SIGMA_M = 0.003  # Standard deviation of a measured position, in metres.
 
 @dataclass(frozen=True)
 class BodySightings(Rows):
-    """N observations of points in camera images. The points are on bodies (boards), or each is a body itself."""
+    """N observations of points in camera images. Each point is on a board, or is a body of its own."""
 
     camera: Int[np.ndarray, " n"]  # (N,) index of the camera.
     body: Int[np.ndarray, " n"]  # (N,) index of the body.
@@ -59,7 +59,7 @@ class Held:
 
     @property
     def scale(self) -> Float[np.ndarray, " 6"]:
-        """(6,) standard deviations of a pose change: rotation (rad), then translation (m)."""
+        """(6,) standard deviations of the expected poses: rotation vector (rad), then translation (m)."""
         return np.repeat([self.turn_sigma, self.centre_sigma_m], 3)
 
 
@@ -93,7 +93,7 @@ class Adjusted:
 
 
 def median_by_camera(far: Float[np.ndarray, " n"], seen: BodySightings, count: int) -> Float[np.ndarray, " cameras"]:
-    """Return each camera's median reprojection error ``far``, or NaN if no points are in front of the camera."""
+    """Return the median of the errors ``far`` (N,) for each camera, or NaN for a camera without known errors."""
     parts = (far[(seen.camera == c) & ~np.isnan(far)] for c in range(count))
     return np.array([np.median(part) if len(part) else np.nan for part in parts])
 
@@ -157,7 +157,10 @@ class _BundleState:
     delays: np.ndarray
 
     def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _BundleState:
-        """Return the state after a step of all cameras (19 C,), 19 parameters each, and of all bodies (B, 3 or 6)."""
+        """Add a step to all cameras (19 C,) and to all bodies (B, 3 or 6), and return the new state.
+
+        Each of the C cameras has 19 parameters.
+        """
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
         t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
@@ -199,13 +202,16 @@ class _Task:
         return x_cam, arm, target
 
     def errors(self, now: _BundleState) -> np.ndarray:
-        """Return (N, 2) errors in px, projected minus observed, NaN behind a camera."""
+        """Return the reprojection errors (N, 2) in px: projected minus observed. Points behind a camera get NaN."""
         x_cam, _, target = self.in_cameras(now)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             return pixels_of(now.cameras, self.seen.camera, x_cam) - target
 
     def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
-        """Select the derivatives (N, 2, P) of pixels with respect to the P unknown parameters of their camera."""
+        """Select the derivatives of N pixels with respect to the P unknown parameters of each camera.
+
+        The inputs are the derivatives with respect to pose, lens and delay. The result is (N, 2, P).
+        """
         if self.columns.max(initial=0) < 6:
             return by_pose[..., self.columns]
         return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]

@@ -77,7 +77,10 @@ def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
 
 
 def moved(cameras: Cameras, step: Float[np.ndarray, "cameras 12"]) -> Cameras:
-    """Add a step s (C, 12) to the focal lengths f, centres c and distortion: ``f ← f exp(s)``, ``c ← c + f s``."""
+    """Apply a step s (C, 12) to the focal lengths f, the principal points c and the distortion coefficients.
+
+    ``f ← f exp(s)`` and ``c ← c + f s``. The distortion's step is added to the coefficients.
+    """
     K = cameras.K.copy()
     focal = K[:, [0, 1], [0, 1]].copy()
     K[:, [0, 1], [0, 1]] = focal * np.exp(np.clip(step[:, 0:2], -1.0, 1.0))

@@ -58,12 +58,12 @@ def _below(folder: Path, names: tuple[str, ...], levels: int) -> dict[str, Path]
 def board_cameras(folder: Path, *, nested: bool = True) -> dict[str, Path]:
     """Find the board footage of each camera in a folder.
 
-    A camera is a video, a folder that contains images or one video, or a folder that contains one such folder.
-    ``int_cam01_img`` is camera ``cam01``, and the chapters of an action camera form one video. If two folders have the
-    same camera, only one is used.
+    Each video is a camera. Each subfolder with images or a single video is a camera too. The chapters of an action
+    camera form one video. The camera name comes from the file or folder name: ``int_cam01_img`` is camera ``cam01``.
+    If two entries have the same camera name, only one is used.
 
     Args:
-        nested: also search a folder inside a camera's folder.
+        nested: if a folder has no footage, use its only subfolder with images.
     """
     found = {_camera_name(path): path for path in recordings_beside(folder).values()}
     for path in entries(folder):

@@ -85,7 +85,7 @@ def calibrate_from_board(
 
 
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
-    """Report each camera that seems to have another zoom or recording mode than its lens calibration.
+    """Report each camera whose zoom or recording mode seems to differ from its lens calibration.
 
     The focal lengths of all cameras are estimated again. A camera is reported if its focal length changes by more than
     3 % and five standard deviations, provided that the error of all cameras decreases by a quarter.
@@ -182,8 +182,9 @@ def widen_by_halves(
     """Enlarge the standard deviations of cameras to match the difference between two halves of the footage.
 
     The errors of corners in the same image are correlated (lens model, flatness, print), so a covariance for
-    independent corners is too small. A half has twice the variance of the whole footage. The difference between two
-    halves has four times this variance, so ``σ = |difference| / 2``. All cameras get the same factor. Lenses are fixed.
+    independent corners is too small. A calibration from half of the footage has twice the variance of a calibration
+    from all footage, so the difference between two halves has four times this variance: ``σ = |difference| / 2``. All
+    cameras get the same two factors, for centres and for rotations. The lenses stay fixed.
     """
     moments = sorted(set().union(*seen))
     halves: list[Cameras] = []

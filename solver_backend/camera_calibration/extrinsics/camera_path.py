@@ -54,7 +54,7 @@ class FoundPath:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Points tracked through F frames. The memory needed is proportional to F."""
+    """Points tracked through F frames. Only the points that are visible in a frame are stored for it."""
 
     names: tuple[np.ndarray, ...]  # (n,) increasing track numbers in each frame.
     px: tuple[np.ndarray, ...]  # (n, 2) pixels of these tracks.
@@ -198,7 +198,7 @@ def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[i
 
 
 def _is_flat(depth: np.ndarray) -> bool:
-    """Return whether all points are about equally far from the first camera, so that a zoom would look like motion."""
+    """Return whether all points have about the same depth. A zoom then looks the same as a camera motion."""
     far, near = np.percentile(depth, [90.0, 10.0]) if len(depth) else (0.0, 1.0)
     return bool(far < FLAT * near)
 
@@ -207,11 +207,11 @@ Poses = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """Triangulate points from the keyframes with known poses, except those in ``but``. Return two arrays (P, 3).
+    """Triangulate P points from the keyframes with known poses. Return two arrays (P, 3).
 
-    The first array contains points with enough parallax. The second contains the other points, placed on their rays at
-    the median distance. Because this distance is arbitrary, these points must not determine camera positions. Points on
-    which too few keyframes agree are NaN.
+    The first array contains the points with enough parallax. The second array contains all other points, placed on
+    their rays at the median distance. Because this distance is arbitrary, these points must not determine camera
+    positions. Points on which too few keyframes agree are NaN. The keyframes in ``but`` are not used.
     """
     x = x[[row for row, key in enumerate(sorted(poses)) if key not in but]]
     if len(x) < 2:
@@ -255,7 +255,7 @@ def _stacked(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _between(R: np.ndarray, t: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate the camera poses at the n keyframes ``at`` (n,). Return poses for all frames up to the last one."""
+    """Interpolate camera poses between n keyframes with the frame numbers ``at``. Return a pose for each frame."""
     frames = np.arange(at[-1] + 1)
     key = np.clip(np.searchsorted(at, frames, side="right") - 1, 0, len(at) - 2)
     share = ((frames - at[key]) / np.diff(at)[key])[:, None]
@@ -302,7 +302,10 @@ def _posed(
 
 
 def _adjusted(camera: Cameras, poses: Poses, window: list[int], keys: list[int], tracks: Tracks, noise: float) -> Poses:
-    """Adjust the poses of a window's keyframes. The first one stays fixed, and in a partial window also the second."""
+    """Adjust the poses of the keyframes in ``window``.
+
+    The first keyframe stays fixed. If the window does not contain all keyframes, the second one stays fixed too.
+    """
     R, t = (np.stack([poses[key][part] for key in window]) for part in (0, 1))
     cameras = build_cameras([str(key) for key in window], [lens_of(camera, 0)] * len(window), R, t)
     sigma_px = noise * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))

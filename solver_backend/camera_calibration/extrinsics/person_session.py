@@ -212,8 +212,8 @@ JUMP = 0.5  # Largest movement of the same person per frame, relative to the per
 def main_person(detections: Detections, fps: float) -> Keypoints2D:
     """Select the largest and most confident person in each view and frame.
 
-    If this person is more than half a body height away from the person selected before, the nearest one is selected
-    instead.
+    If this person is more than half a body height away from the person selected in the previous frame, the person
+    nearest to the previous position is selected instead.
     """
     xy, confidence, hands = detections.xy, detections.confidence, detections.hands
     known = confidence > 0

@@ -103,7 +103,7 @@ def click_tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarr
 
 
 def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate a camera's pose from clicked points with known positions, by a homography if they lie in a plane."""
+    """Estimate a camera's pose from clicked points with known positions, which may lie in a plane."""
     seen = [p for p in clicks.px[name] if p in clicks.places]
     world = np.array([clicks.places[p] for p in seen]).reshape(-1, 3)
     px = np.array([clicks.px[name][p] for p in seen]).reshape(-1, 2)
@@ -290,7 +290,10 @@ def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
-    """Report cameras with a much larger error jointly (``after``) than with this source alone (``before``)."""
+    """Report cameras on which a source contradicts the other sources.
+
+    ``after`` is the error (C,) in the joint calibration, and ``before`` is the error with this source alone.
+    """
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     found = []

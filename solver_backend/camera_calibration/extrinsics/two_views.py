@@ -82,7 +82,7 @@ def essential_matrix(
 def sampson_distance(
     E: Float[np.ndarray, "m 3 3"], first: ImagePoints, second: ImagePoints
 ) -> Float[np.ndarray, "m n"]:
-    """Return the first-order distance (m, n) of n point pairs from m essential matrices, in normalised coordinates.
+    """Return the Sampson distances (m, n) of n point pairs for m essential matrices, in normalised coordinates.
 
     Reference: Hartley and Zisserman 2004, eq. 11.9.
     """
@@ -118,7 +118,7 @@ def pose_from_essential(
 def intersected(
     R: Float[np.ndarray, "views 3 3"], t: Float[np.ndarray, "views 3"], xy: Float[np.ndarray, "views n 2"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Triangulate each of n points as the point closest to its rays, or NaN if it has fewer than two rays.
+    """Triangulate n points. Each is the point closest to its viewing rays, or NaN if fewer than two views show it.
 
     Reference: Slabaugh, Schafer and Livingston 2001, "Optimal ray intersection".
     """
@@ -158,7 +158,10 @@ def point_bodies(
 
 
 def _essential(F: np.ndarray, spread: float) -> np.ndarray:
-    """Return the essential matrices (m, 3, 3) nearest to F, which applies to coordinates divided by ``spread``."""
+    """Return the essential matrices (m, 3, 3) nearest to the matrices F (m, 3, 3).
+
+    F was estimated from normalised coordinates divided by ``spread``. The result applies to undivided coordinates.
+    """
     scale = np.diag([1.0 / spread, 1.0 / spread, 1.0])
     U, _, Vt = np.linalg.svd(scale @ F @ scale)
     return U @ (np.array([1.0, 1.0, 0.0])[:, None] * Vt)
@@ -253,6 +256,7 @@ def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> 
     Args:
         seen: (C, F) mask of the frames that show the board or person in each camera.
         fewest: minimum number of frames that a usable pair has in common.
+        pair: estimates the relative pose of two cameras (see ``Pair``).
 
     Reference: Prim 1957 (maximum spanning tree).
     """

@@ -36,10 +36,10 @@ _HANDS = ("left_hand", "right_hand")
 def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
     """Return the rotations from rest pose to T-pose in the body's axes, (J, 4) wxyz.
 
-    Arms and fingers point along ±X and legs along -Y, each bone by the smallest rotation. Thumbs point halfway between
-    ±X and +Z (VRM 1.0, T-pose). Fingers and their last bones continue their parents' rotation. Feet rotate only about Y
-    until they point along +Z, so that soles stay flat. Hips, spine, neck, head and shoulders do not rotate, because
-    their bend at rest belongs to the character.
+    Arms and fingers point along ±X, legs along -Y, and thumbs halfway between ±X and +Z (VRM 1.0, T-pose). Each bone
+    takes the smallest rotation to its direction. Finger bones first take their parent's rotation. Feet only rotate
+    about Y until they point along +Z, so that the soles stay flat. Hips, spine, neck, head and shoulders do not rotate,
+    because their bend at rest belongs to the character.
 
     Args:
         rest_joints: (J, 3) joint positions in metres, Y up, facing +Z, left = +X.

@@ -95,7 +95,7 @@ def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
 def _stacked(values: Values) -> Nodes:
     """Split values that list all cameras (as in ZJU-MoCap) into one node per camera.
 
-    Return [] for a single camera. Rows with equal intrinsics describe one moving camera.
+    Return [] for a single camera. If all rows have equal intrinsics, they describe one moving camera.
     """
     try:
         K = np.array(find(values, "K"), dtype=np.float64)

@@ -54,7 +54,10 @@ def read_qualisys(path: Path) -> StatedCameras:
 
 
 def _in_whole_pixels(entry: CameraEntry) -> bool:
-    """Return whether a file's intrinsics are in whole pixels, because in 1/64 pixel they do not fit the image size."""
+    """Return whether a Qualisys file gives intrinsics in pixels instead of the usual 1/64 pixel.
+
+    This is the case if the principal point is near the image centre only when the values are read as pixels.
+    """
     assert entry.image_size is not None
     middle = 0.5 * np.array(entry.image_size)
     return bool((np.abs(SUBPIXELS * entry.K[:2, 2] - middle) < 0.5 * middle).all() and entry.K[0, 2] < middle[0] / 8)

@@ -68,8 +68,11 @@ def calibrations_in(
     """Read every calibration in a folder. Also return the errors for damaged, invalid or unknown files.
 
     Each TOML, Qualisys, Vicon or Metashape file is a calibration, and so is each OpenCV file with several cameras. The
-    remaining OpenCV files together form one calibration. Other files are skipped. ``nested`` also reads the folders of
-    cameras below the folder. If all these contain files of the same names, the files of one name form a calibration.
+    remaining OpenCV files together form one calibration. Other files are skipped.
+
+    Args:
+        nested: also read the subfolders, which belong to one camera each. If all subfolders contain several files with
+            the same names, the files with one of these names form a calibration.
     """
     files = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
     own = [folder, *(p for p in files if nested or not p.is_dir())]  # other folders may be other recordings

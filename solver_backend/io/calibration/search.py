@@ -53,7 +53,7 @@ ByViews = Callable[[Cameras, list[int] | None], list[int] | None]
 def levels_above(root: Path) -> list[Path]:
     """List a folder, its parent, and the folders above them that belong to the same recording.
 
-    A folder belongs to the recording if its subfolder contains a Config.toml or has a Pose2Sim name such as
+    The search goes up as long as the current folder contains a Config.toml or has a Pose2Sim name such as
     ``S00_P00_...``.
     """
     levels = [root, root.parent]
@@ -185,7 +185,10 @@ def _others_of_more(
     by_views: ByViews,
     agreement: Callable[[Cameras], float],
 ) -> Calibration:
-    """Return ``chosen``, which is assigned by name, or an assignment by views if the views contradict the names."""
+    """Check cameras that were assigned by name (``chosen``) against the keypoints.
+
+    If the keypoints disagree and the calibration has more cameras than the recording, assign cameras by views.
+    """
     if len(whole.cameras) == len(recorded) or agreement(chosen.cameras) >= AGREES_BY_NAME:
         return chosen
     order = by_views(whole.cameras, by_names)
@@ -193,7 +196,7 @@ def _others_of_more(
 
 
 def _assigned_by_views(found: Calibration, recorded: Sequence[str], **calibrated: Any) -> Calibration:
-    """Rename a calibration's cameras to the recorded names. Add a problem that lists the pairs of names."""
+    """Rename a calibration's cameras to the recorded names. Add a warning that lists the pairs of names."""
     pairs = [f"{name} is {camera}" for name, camera in zip(recorded, found.cameras.names, strict=True)]
     assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, **calibrated)
     return replace(found, problems=(*found.problems, assigned))
@@ -247,7 +250,7 @@ def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) 
 
 
 def _name_unsupported(folders: Iterable[Path]) -> tuple[str, str] | None:
-    """Return a sentence and a hint about the first unsupported calibration file, or None."""
+    """Return a sentence and a hint about the first unsupported calibration file, or None if there is none."""
     for folder in folders:
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             if (known := _UNSUPPORTED.get(path.suffix.lower())) is not None:

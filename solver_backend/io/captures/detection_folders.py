@@ -143,7 +143,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 
 
 def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | None) -> Calibration:
-    """Return a calibration of one camera with a typical phone lens. A problem reports this assumption.
+    """Return a calibration of one camera with a typical phone lens, and warn about this assumption.
 
     Without a video, the image size is the smallest common size that contains nearly all confident keypoints. A few
     extrapolated keypoints may be outside the image.

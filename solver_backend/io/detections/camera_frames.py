@@ -99,7 +99,7 @@ def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.
 
 
 def cleaned_hands(hands: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Replace undetected points in hands (..., 2, 21, 3) by NaN. Also return notes and problems."""
+    """Replace undetected points in hands (..., 2, 21, 3) by NaN. Also return notes and warnings."""
     unseen = np.isnan(hands).any(-1) | ~(hands[..., 2] > 0) | (hands[..., :2] == 0).all(-1)
     sure, notes, problems = on_unit_scale(np.where(unseen, 0.0, hands[..., 2]))
     cleaned = np.concatenate([hands[..., :2], sure[..., None]], axis=-1).astype(np.float32)

@@ -32,7 +32,7 @@ MOST_CAMERAS, MOST_PEOPLE = 64, 12
 
 
 def is_array(path: Path) -> bool:
-    """Return whether a file contains arrays of 2D points, as many as a joint set has."""
+    """Return whether a file contains arrays of 2D points whose number of points matches a joint set."""
     try:
         arrays = list(_arrays(path).values())
     except FileDamaged:

@@ -49,7 +49,8 @@ def read_detections(
 
     Args:
         sources: source of each camera's detections, by camera name.
-        joint_set: joint set of the keypoints. None uses ``configured`` or the files' names, or recognises the set.
+        joint_set: joint set of the keypoints. None determines it from the keypoint names in the files, else from
+            ``configured``, else from the number and arrangement of the keypoints.
         configured: joint set in the recording's settings. It is ignored if the keypoints clearly contradict it.
         trim: keep only the frames that all cameras have.
         apart: read each camera from its first to its last frame, even if these differ between cameras.
@@ -195,7 +196,7 @@ def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[D
 def _written_hands(
     pictures: list[_Picture], size: tuple[int, int]
 ) -> tuple[np.ndarray | None, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Collect the hands (C, F, P, 2, 21, 3) that files list separately from the body. Also return notes and problems.
+    """Collect the hands (C, F, P, 2, 21, 3) that files list separately from the body. Also return notes and warnings.
 
     The hands are None if no file lists hands.
     """
@@ -217,7 +218,7 @@ def _written_hands(
 def _arrays(
     pictures: list[_Picture], size: tuple[int, int, int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return pixels (C, F, P, K, 2), confidences (C, F, P, K), notes and problems. ``size`` is (C, F, K).
+    """Return pixels (C, F, P, K, 2), confidences (C, F, P, K), notes and warnings. ``size`` is (C, F, K).
 
     Undetected points become NaN and get confidence 0.
     """

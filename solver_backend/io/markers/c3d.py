@@ -309,8 +309,8 @@ def read_c3d(path: Path) -> MarkerSource:
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
     """Locate the frames in a C3D file.
 
-    The header cannot store a last frame above ``MOST``. In longer files, it is ``MOST``, or the count has
-    restarted at 0. Unless a parameter states the number of frames, the file length determines it.
+    The header cannot store a last frame above ``MOST``. Longer files store ``MOST``, or the number modulo
+    ``MOST + 1``. Unless a parameter states the number of frames, the file length determines it.
     """
     word = 4 if header.scale < 0 or math.isnan(header.scale) else 2
     points = header.points or int(np.clip(parameters.number("POINT:USED") or 0, 0, MOST))
@@ -371,7 +371,7 @@ def _scale(header: Header, parameters: Parameters, path: Path) -> float:
 def _points(
     data: np.ndarray, layout: _Layout, kept: list[int], scale: float, parameters: Parameters
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...]]:
-    """Decode positions (F, M, 3) and residuals (F, M) in the file's unit. Also return problems."""
+    """Decode positions (F, M, 3) and residuals (F, M) in the file's unit. Also return warnings."""
     frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
     raw = frames[:, : 4 * layout.word * layout.points]
     values = _floats(raw, parameters.processor) if layout.word == 4 else _view(raw, parameters.processor, "i2")

@@ -148,7 +148,10 @@ def _from_long(
 
 
 def is_point_array(path: Path) -> bool:
-    """Return whether a .npy file contains 3D points (F, N, 3), or is damaged, so that its reader reports the damage."""
+    """Return whether a .npy file contains 3D points (F, N, 3).
+
+    A damaged file counts too, so that ``read_point_array`` reports the damage.
+    """
     if path.suffix.lower() != ".npy" or not path.is_file():
         return False
     try:
@@ -162,7 +165,8 @@ def read_point_array(path: Path) -> MarkerSource:
     """Read 3D points (F, N, 3), NaN where missing, and their N names.
 
     The names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` next to ``NAME.npy``. A text file has
-    one name per line, a JSON file a list. Without such a file, the only joint set with N points gives the names.
+    one name per line, and a JSON file contains a list. Without a file of names, the points get the names of the joint
+    set that has N points, if there is only one.
 
     Raises:
         FileDamaged: the file is not an array of numbers, or the number of names differs.

@@ -39,7 +39,9 @@ class _Bone:
 
 
 def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
-    """Read the motion in a pair of ASF and AMC files, given either path. It is in the skeleton's unit and axes.
+    """Read the motion in a pair of ASF and AMC files, given the path of one of them.
+
+    The motion is in the skeleton's unit and axes.
 
     Raises:
         FileMissing: the other file in the pair is missing or ambiguous.

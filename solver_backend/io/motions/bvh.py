@@ -28,9 +28,11 @@ _AXES = {"X": 0, "Y": 1, "Z": 2}  # Column of each axis.
 
 @dataclass(frozen=True)
 class BvhClip:
-    """A moving skeleton in metres with Z up: ``p_j = p_parent + G_parent @ local_j``.
+    """A moving skeleton in metres with Z up.
 
-    Offsets are in the skeleton's rest axes (usually Y up). The root's rotation includes the conversion to Z up.
+    Joint j is at ``p_j = p_parent + G_parent @ local_j``, where G is the rotation to world axes and local_j is the
+    offset from the parent. Offsets are in the skeleton's rest axes (usually Y up). The root's rotation includes the
+    conversion to Z up.
     """
 
     names: tuple[str, ...]  # (J,) joint names, parents before children.

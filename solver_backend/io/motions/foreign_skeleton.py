@@ -251,7 +251,7 @@ def read_stated(
     """Read a motion from another program, in the file's unit and axes.
 
     Also return diagnostics, and the joint of each role (such as ``head``). There are no roles if the format does not
-    define them. ``through_blender`` is the command that reads other files on the add-on's command line.
+    define them. ``through_blender`` is the add-on's command that an error recommends for files that Blender can import.
 
     Raises:
         MocapError: the format is not supported, or the reader raises an error.

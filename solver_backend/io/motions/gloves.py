@@ -86,7 +86,7 @@ _MANUS_FLEXIONS = {"thumb_mcp_flexion": "Thumb_PIP_Flex", "thumb_ip_flexion": "T
 
 
 def _read_manus(path: Path, side: str) -> GloveTake:
-    """Read a hand from a MANUS table, from joint positions if it contains them, otherwise from angles."""
+    """Read a hand from a MANUS table. Joint positions are used if the table has them, otherwise flexion angles."""
     side = side or side_of_name(path.stem)
     if not side:
         raise MotionInvalid("The side of the hand is unknown.", where=str(path), hint="Specify the side with --side.")
@@ -117,7 +117,7 @@ _COLUMN = re.compile(r"(Left|Right)(Hand|Digit[1-5]\w{0,40}?)_(position_[xyz]|fl
 
 
 def _read_rokoko(path: Path) -> GloveTake:
-    """Read both hands from a Rokoko table, from joint positions if it contains them, otherwise from angles."""
+    """Read both hands from a Rokoko table. Flexion angles are only used where joint positions are missing."""
     columns = _read_columns(path, lambda name: name == _ROKOKO_TIME or _COLUMN.fullmatch(name) is not None)
     times = _rising_times(columns.pop(_ROKOKO_TIME), path)
     lower = {name.lower(): value for name, value in columns.items()}

@@ -101,7 +101,7 @@ def hidden_by_hands(
 ) -> Bool[np.ndarray, "cameras frames 2 21"]:
     """Return a (C, F, 2, 21) mask of the hand points that a bone of either hand occludes.
 
-    A bone occludes a point if the line of sight is closer to it than its radius.
+    A bone occludes a point if the distance from the line of sight to the bone is less than the bone's radius.
     """
     frames = len(points)
     hidden = np.zeros((len(centres), frames, 2, NUM_HAND_POINTS), bool)

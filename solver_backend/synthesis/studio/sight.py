@@ -25,7 +25,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Row and column of t
 
 
 def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the (F, C, K, 3) vectors from camera centres towards points (F, K, 3), ending just before them."""
+    """Return the (F, C, K, 3) vectors from camera centres to points (F, K, 3). Each ends just before its point."""
     lines = (points[:, None] - centres[:, None]).astype(np.float32)
     length = np.sqrt(np.einsum("fcki,fcki->fck", lines, lines))
     return lines * np.maximum(1 - CLEARANCE_M / np.maximum(length, 1e-6), 0)[..., None]
@@ -227,7 +227,7 @@ def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) ->
 
 
 def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) matrix of an ellipsoid that approximates a slab of skin, a ring about ``axis``."""
+    """Return the (3, 3) matrix of an ellipsoid that approximates a ring of skin about ``axis`` (a slab of a limb)."""
     centred = points - weight @ points
     along = centred @ axis
     flat = centred - np.outer(along, axis)
@@ -286,7 +286,7 @@ def cast_lines(
 
 
 def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return a (K, T) mask of the faces in the body parts around each point, which cannot hide it."""
+    """Return a (K, T) mask of the faces that cannot hide a point, because they belong to the body parts around it."""
     own = own_faces(body, names)
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     for k, name in enumerate(names):

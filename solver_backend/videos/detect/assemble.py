@@ -96,8 +96,8 @@ def assembled(
 ) -> Capture:
     """Build the capture of a single person.
 
-    This is the person on whom the calibrated views agree best, or the largest and longest visible person in a single
-    view. In views without a calibration, see ``main_person``.
+    With calibrated cameras, this is the person on whom the views agree best. With a single camera, it is the largest
+    and longest visible person. Without a calibration, ``main_person`` selects the person in each view.
     """
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
@@ -292,9 +292,10 @@ def camera_turns(
 ) -> CameraTurns | None:
     """Estimate the camera's rotation in each image, or return None if too little background is visible.
 
-    Features are tracked from image to image (Lucas and Kanade 1981). When few remain, new features are detected. The
-    rotation since this detection is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over the features' rays d. These rotations are
-    multiplied together. A plain wall with few features can show that a camera is still, but cannot show how it rotates.
+    Features are tracked from image to image (Lucas and Kanade 1981). When few remain, new features are detected in a
+    reference image. The rotation ω since the reference minimises ``Σ ρ(|d_i - exp(ω) d_i0|)``, where d_i and d_i0 are
+    the rays of feature i now and in the reference. The rotations between references are multiplied together. A plain
+    wall with few features can show that a camera is still, but cannot show how it rotates.
     """
     cv2 = opencv()
     scale = min(1.0, WIDTH_PX / found.size[0])

@@ -37,7 +37,7 @@ _WRIST, _KNUCKLE = 0, 9
 
 
 def first_crop(wrist_px: np.ndarray, elbow_px: np.ndarray, hand_px: float, side: int) -> SquareCrop:
-    """Return the crop for a hand (side 0 left, 1 right) at the end of a forearm, given (2,) pixels."""
+    """Return the crop for a hand, given the pixels (2,) of wrist and elbow. ``side`` is 0 for left and 1 for right."""
     up, length = direction(elbow_px, wrist_px, 1.0)
     # If a forearm points at the camera, the hand is near the wrist in the image, so the crop is centred there.
     forearm = min(1.0, length / (1.3 * hand_px))
@@ -257,7 +257,8 @@ def footage_shift(
     """Estimate the footage's delay relative to the detections in frames, or return 0 if it is unknown.
 
     The delay d minimises ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands h and wrists w in all views, where s is
-    the hand size. A parabola refines it. The median is the constant difference between the two detectors.
+    the hand size. The minimum is refined by a parabola. Subtracting the median difference removes the constant offset
+    between the two detectors.
     """
     each = [_errors(hands[view, :, side], wrists[view, :, side]) for view in range(len(hands)) for side in (0, 1)]
     errors = np.array([found for found in each if found is not None])
@@ -274,7 +275,7 @@ def footage_shift(
 
 
 def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Float[np.ndarray, "views frames 2 21 3"]:
-    """Shift hands (C, F, 2, 21, 3) by the footage's delay, to the frames of the detections."""
+    """Shift hands (C, F, 2, 21, 3) earlier by ``shift`` frames, so that they match the frames of the detections."""
     moved = _unseen(*hands.shape[:3])
     count = hands.shape[1] - abs(shift)
     moved[:, max(-shift, 0) :][:, :count] = hands[:, max(shift, 0) :][:, :count]

@@ -254,7 +254,7 @@ Decoded = tuple[float, Callable[[], np.ndarray]]  # Time of an image in s, and a
 def decoded_pictures(path: Path) -> Iterator[Decoded]:
     """Decode a video file. Yield each image's time (s) and a function that returns the image (H, W, 3) uint8.
 
-    Images are rotated and have square pixels, as displayed. Damaged images are skipped.
+    Images are rotated upright and scaled to square pixels, as a player displays them. Damaged images are skipped.
     """
     return (decoded for decoded in _decoded(path) if decoded is not None)
 

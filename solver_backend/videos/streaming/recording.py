@@ -30,8 +30,8 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
     """Recording of live cameras. It becomes the capture ``TAKE.npz`` and the motion ``TAKE_live.npz``.
 
     The capture contains the keypoints at a constant rate. The motion contains the live poses in the same frames, and a
-    solve can start from them. Every row contains the camera poses. The poses in the last row are used, because the
-    world may only be determined during the recording.
+    solve can start from them. Every row of the recording file contains the camera poses. The capture gets the poses of
+    the last row, because the world may only be determined during the recording.
     """
 
     pieces: ClassVar[str] = "moments"
@@ -90,7 +90,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
 def run_recorded(
     session: ViewsSession, moment: ViewMoment, recorder: recordings.Recorder[[ViewMoment, FrameLine | None]] | None
 ) -> list[LiveLine]:
-    """Run the session on a moment, and record the moment and its pose. Return the session's lines."""
+    """Solve a moment (simultaneous images), and record it with its pose if a recorder is given. Return output lines."""
     lines = list(session.run([moment]))
     if recorder is not None:
         recorder.add(moment, next((line for line in lines if "event" not in line), None))

@@ -104,7 +104,7 @@ def place_errors(
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> Landmarks:
-    """Return the same object for the same body, because it is the key of cached sight tables."""
+    """Return a body's keypoints. Repeated calls return the same object, because cached sight tables depend on it."""
     return keypoint_landmarks(body, _SET)
 
 
