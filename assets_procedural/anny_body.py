@@ -218,7 +218,7 @@ def _aim(vectors: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean (V, 3) and the principal components (V, 3, 10), scaled to unit variance."""
+    """Return the mean (V, 3) and ten principal components (V, 3, 10) of N shapes, scaled to unit variance."""
     mean = vertices.mean(0, dtype=np.float64)
     deviation = (vertices - mean).reshape(len(vertices), -1)
     U, S, Vt = np.linalg.svd(deviation, full_matrices=False)

@@ -48,7 +48,7 @@ def table(name: str) -> dict[str, Any]:
 
 
 def normal_sums(vertices: Array, faces: Array) -> Array:
-    """Return the sum of ``face_normals`` around each vertex, shape (V, 3)."""
+    """Return the sum (V, 3) of the area-weighted normals (``face_normals``) of the faces around each vertex."""
     total, normals = np.zeros_like(vertices), face_normals(vertices, faces)
     for k in range(3):
         np.add.at(total, faces[:, k], normals)

@@ -86,7 +86,7 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
 
 
 def write_body(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write the arrays without pickle. The file is complete or is not written."""
+    """Write the arrays to a file without pickle. After a failure, the old file is unchanged."""
     with atomic_output(path, overwrite=True) as temporary:
         np.savez_compressed(temporary, **arrays)
 

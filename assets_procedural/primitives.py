@@ -17,7 +17,7 @@ _FLOOR = 1e-9  # Lower limit of a sum of weights.
 
 @dataclass(frozen=True)
 class Primitives:
-    """Sum of Gaussians over both halves. F > 1 inside the body."""
+    """The body as a field F: a sum of Gaussians for both halves. F > 1 inside the body."""
 
     mean: np.ndarray  # (K, 3) metres, with the floor at y = 0.
     whiten: np.ndarray  # (K, 3, 3): diag(1 / scale) times the transposed rotation.

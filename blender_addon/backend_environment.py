@@ -31,7 +31,8 @@ def backend_folder() -> Path:
 def included_wheels() -> Path | None:
     """Return the folder of the included detector's unpacked wheels, or None if no detector is included.
 
-    The result is cached, because panels ask for it at every redraw. Installing another zip loads this module again.
+    The result is cached, because panels ask for it at every redraw. Installing another zip reloads this module, which
+    clears the cache.
     """
     spec = find_spec("ai_edge_litert") if (backend_folder() / "detector").is_dir() else None
     return None if spec is None or spec.origin is None else Path(spec.origin).parents[1]
@@ -52,9 +53,10 @@ def backend_command(python: Path | None = None) -> list[str]:
 def environment_for_child(python: Path | None = None, inherited: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return the environment of a solver process that runs in ``python``, or in Blender's Python if None.
 
-    ``PYTHONPATH`` contains only the solver. As in Blender, all other Python settings are dropped, and the working
-    folder is not searched for modules. If the disk is nearly full, no byte code is written, because Python 3.11 would
-    leave a truncated file that breaks every later start. The included detector's wheels fit only Blender's own Python.
+    ``PYTHONPATH`` contains only the solver. All other Python variables are removed, as in Blender, and Python does not
+    search the working folder for modules. If the disk is nearly full, no byte code is written, because Python 3.11
+    would leave a truncated file that breaks every later start. The included detector's wheels are used only in
+    Blender's Python, because they do not fit others.
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}

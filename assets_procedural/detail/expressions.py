@@ -257,7 +257,7 @@ class _Mouth:
 
 
 def _rings(graph: sp.csr_matrix, start: Array, allowed: Array, count: int) -> list[Array]:
-    """Return the allowed vertices at each edge distance (0 to ``count``) from the start."""
+    """Return the allowed vertices at each edge distance (0 to ``count``) from the vertices ``start``."""
     reached, rings = start.copy(), [np.flatnonzero(start)]
     for _ in range(count):
         new = (graph @ np.isin(np.arange(len(start)), rings[-1]).astype(float) > 0) & allowed & ~reached

@@ -42,7 +42,7 @@ def finger_knots(joints: Array) -> Array:
 
 
 def relaxed_knots(knots: Array) -> Array:
-    """Curl the fingers of knots (40, 3, C). Each of the C columns is a position in metres or its derivative."""
+    """Curl the fingers of knots (40, 3, C). Each of the C columns is a position or a derivative w.r.t. the shape."""
     turned = []
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
         sign = np.array([flip, 1.0, 1.0])[:, None]
@@ -52,12 +52,11 @@ def relaxed_knots(knots: Array) -> Array:
 
 
 def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -> Array:
-    """Curl the fingers of body points (V, 3, C). Each of the C columns is a position in metres or its derivative.
+    """Curl the fingers of body points (V, 3, C). The columns are positions and derivatives w.r.t. the shape.
 
     A point p moves to ``k + R (p - k)`` at each knuckle k, where R is the knuckle's rotation, reduced by the point's
-    weight. This is linear in p and k, so derivatives w.r.t. the shape follow the same rule. ``knots`` (40, 3, C) come
-    from ``finger_knots``. Weights are computed on the fitted body, with points ``straight`` (V, 3) and ``joints`` (24,
-    3).
+    weight. This is linear in p and k, so derivatives follow the same rule. ``knots`` (40, 3, C) come from
+    ``finger_knots``. Weights are computed on the fitted body, with points ``straight`` (V, 3) and ``joints`` (24, 3).
     """
     out, hand, wrist = points.copy(), joints[JOINT["left_hand"]], joints[JOINT["left_wrist"]]
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
@@ -69,7 +68,7 @@ def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -
 
 
 def _curled(place: Array, points: Array, knots: Array) -> Array:
-    """Curl points (N, 3, C) of the left hand. Their positions ``place`` (N, 3) on the fitted body give the weights."""
+    """Curl points (N, 3, C) of the left hand. ``place`` (N, 3) are their positions on the fitted body, for weights."""
     near = {
         name: np.min([distance_to_segment(place, *bone) for bone in pairwise(np.array(digit.knots))], axis=0)
         for name, digit in DIGITS.items()

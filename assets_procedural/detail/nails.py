@@ -32,7 +32,7 @@ class NailPlace:
 
     @property
     def axes(self) -> Array:
-        """Return the axes (3, 3) across, along and up, one per row."""
+        """Return the axes (3, 3) of the nail, one per row: across, along and up."""
         return np.stack([np.cross(self.tip, self.up), self.tip, self.up])
 
 

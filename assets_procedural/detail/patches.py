@@ -42,20 +42,20 @@ class Patch:
 
 @dataclass(frozen=True)
 class Oval:
-    """The vertices inside an ellipse that is upright when seen from the front. Vertices far behind it are excluded."""
+    """The vertices inside an ellipse that is upright when seen from the front, without vertices far behind it."""
 
     centre: Array
     radii: Array
     least_z: float
 
     def holds(self, vertices: Array, wider_m: float = 0.0) -> Array:
-        """Return a mask (V,) of the (V, 3) vertices inside. Radii are enlarged by ``wider_m``."""
+        """Return a mask (V,) of the vertices (V, 3) inside the oval, with radii enlarged by ``wider_m``."""
         apart = np.linalg.norm((vertices[:, :2] - self.centre) / (self.radii + wider_m), axis=1)
         return (apart < 1.0) & (vertices[:, 2] > self.least_z)
 
 
 def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
-    """Replace the marked vertices by a patch. Raise ``BodyInvalid`` if the hole has several rims."""
+    """Replace the vertices that ``hole`` marks by a patch. Raise ``BodyInvalid`` if the hole has several rims."""
     keep = _outside(half.faces, ~hole(half.vertices)[half.faces].any(axis=1), len(half.vertices))
     used = np.unique(half.faces[keep])
     renamed = np.full(len(half.vertices), -1)
@@ -88,7 +88,7 @@ def _uncovered(points: Array, others: Array) -> Array:
 
 
 def rings_to_faces(rings: list[Array], closed: bool) -> Array:
-    """Return the outward-facing faces (Q, 3) between rings of equal length, which run from the outside inwards."""
+    """Return the outward-facing faces (Q, 3) between rings of equal length, listed from the outside inwards."""
     faces = []
     for outer, inner in pairwise(rings):
         after = np.roll(np.arange(len(outer)), -1) if closed else np.arange(1, len(outer))

@@ -65,7 +65,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Band:
-    """Masks (T,) of the faces on either side of a line."""
+    """Masks (T,) of the faces on the inner side of a line and of the faces that touch the line."""
 
     inside: Array  # Faces on the negative side of the field.
     near: Array  # Faces that have a vertex on the line.
@@ -95,10 +95,10 @@ class LinedMesh:
         self.fixed = np.zeros(len(self.vertices), bool)
 
     def draw(self, field: Field, inner_m: float = 0.0, outer_m: float = 0.0) -> Band:
-        """Slide vertices onto a line, and return the faces on both sides of it.
+        """Slide vertices onto the line where ``field`` is 0, and return the faces on both sides of it.
 
-        The next rings of vertices slide to the distances ``inner_m`` and ``outer_m`` from the line. With 0,
-        these rings do not move.
+        The next ring of vertices inside slides to the distance ``inner_m`` from the line, and the next ring outside to
+        ``outer_m``. A ring with the distance 0 does not move.
         """
         value = field(self.vertices)
         value[self.fixed & (np.abs(value) < _ON_M)] = 0.0
@@ -126,7 +126,7 @@ class LinedMesh:
         return chosen
 
     def _slide(self, field: Field, moved: Array, level: float, value: Array) -> None:
-        """Slide vertices to a level of a field, as far as no face collapses."""
+        """Slide vertices to a level of a field. If all three vertices of a face move, one stays off the level."""
         wanted = np.full(len(self.vertices), level)
         for face in self.faces[moved[self.faces].all(axis=1)]:
             tip = face[np.abs(value[face] - level).argmax()]

@@ -272,7 +272,7 @@ def _drivers() -> Array:
 
 
 def _principal_components(covariance: Array, metric: Array, driven: Array) -> tuple[Array, float]:
-    """Return the loadings (M, 8) of the largest displacements that keep stature and trunk girth constant."""
+    """Return the largest components (M, 8) that keep stature and trunk girth, and the variance fraction they keep."""
     drivers = _drivers()
     crossed = covariance @ drivers
     residual = covariance - crossed @ np.linalg.solve(drivers.T @ crossed, crossed.T)

@@ -53,7 +53,7 @@ class Statistics:
 
 
 def load_statistics(path: Path = NUMBERS / "ansur_statistics.json") -> Statistics:
-    """Read the committed table. Raise ``FileDamaged`` if its measures differ from ``MEASURES``."""
+    """Read the committed table of statistics. Raise ``FileDamaged`` if it has other measures than ``MEASURES``."""
     table = json.loads(path.read_text())
     if tuple(table["measures"]) != MEASURES:
         raise FileDamaged(f"The table lists {table['measures']}, but {list(MEASURES)} are expected.", where=str(path))
@@ -76,7 +76,7 @@ def _weighted_quantiles(values: np.ndarray, weight: np.ndarray, levels: tuple[fl
 
 
 def main() -> None:
-    """Write ``numbers/ansur_statistics.json`` from a file of the survey."""
+    """Compute ``numbers/ansur_statistics.json`` from the table of the ANSUR II survey."""
     survey = place("path", "survey", "SURVEY.csv", "Table of the survey")
     out = output("OUT.json", "Table to write", NUMBERS / "ansur_statistics.json")
     arguments = parse_script(__doc__, survey, out)

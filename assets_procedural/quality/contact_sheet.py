@@ -181,7 +181,7 @@ def draw_close(body: BakedBody) -> Array:
 
 
 def draw_all(body: BakedBody) -> dict[str, Array]:
-    """Return the sheets of the whole body in shapes and poses, by file name."""
+    """Return the sheets of the whole body in several shapes and poses, by file name."""
     colours = MATERIAL_COLOURS[body.material]
 
     def draw(vertices: Array, view: RasterView) -> Array:

@@ -82,7 +82,7 @@ def dual_quaternion_blend(vertices: Array, weights: Array, turns: Array, shifts:
 
 
 def _dual_part(real: Array, shifts: Array) -> Array:
-    """Return half the product of the shift (as a pure quaternion) and the rotation (x, y, z, w)."""
+    """Return the dual part: half the product of the shift (as a pure quaternion) and the rotation (x, y, z, w)."""
     vector = real[:, 3:] * shifts + np.cross(shifts, real[:, :3])
     return 0.5 * np.concatenate([vector, -np.sum(shifts * real[:, :3], axis=1, keepdims=True)], axis=1)
 
@@ -107,7 +107,7 @@ def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts
 
 
 def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
-    """Return masks (V, J - 1) of the skin at each joint: 1 where bones on both sides have weight, falling to 0."""
+    """Return masks (V, J - 1) of the skin at each joint: 1 where bones on both sides have weight, 0 far from it."""
     beyond = weights @ subtree_matrix(parents)[1:].T
     t = (np.minimum(beyond, 1.0 - beyond) / _MASK_FULL).clip(0.0, 1.0)
     return np.where(t < 1e-3, 0.0, t * t * (3.0 - 2.0 * t))
@@ -166,7 +166,7 @@ def fit_by_joint(
 
 
 def without_slight(directions: Array) -> Array:
-    """Remove a joint's correctives (V, 3, 207) at vertices that they move by less than 0.15 mm, and tiny values."""
+    """Set correctives (V, 3, 207) to 0 where a joint moves a vertex by less than 0.15 mm, or a value is tiny."""
     blocks = directions.reshape(len(directions), 3, -1, 9)
     slight = np.sqrt(np.square(blocks).sum(axis=1)).max(axis=2) < _SLIGHT_M
     directions = np.where(slight[:, None, :, None], 0.0, blocks).reshape(directions.shape)

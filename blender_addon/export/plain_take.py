@@ -85,7 +85,7 @@ def _copy_skin(
 
 
 def _offsets(mesh: bpy.types.Object, key: bpy.types.ShapeKey) -> np.ndarray:
-    """Return how far (V, 3) a key moves the vertices at value 1 in metres, masked by its vertex group."""
+    """Return the offsets (V, 3) in metres of a shape key at value 1, masked by the key's vertex group."""
     moved = positions(key.points) - positions(key.relative_key.points)
     if (group := mesh.vertex_groups.get(key.vertex_group)) is not None:
         for vertex in mesh.data.vertices:

@@ -70,7 +70,7 @@ class View:
 
 
 def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) -> View:
-    """Return a view of the part of a camera's image that shows the joints (F, 24, 3), enlarged by up to 2."""
+    """Return a view of the image part that shows the joints (F, 24, 3), enlarged by a factor of at most 2."""
     whole, image = View(camera, camera.image_size), np.array(camera.image_size, dtype=np.float64)
     windows = [window for frame in joints if (window := whole.window(frame)) is not None]
     if not windows:

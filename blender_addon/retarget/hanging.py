@@ -108,7 +108,7 @@ def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float
 
 
 def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
-    """Derive the dependencies from the poses ``after[d, c]`` of control c after a change of control d."""
+    """Derive the dependencies. ``after[d, c]`` is the pose of control c after a change of control d."""
     count = range(len(names))
     turned = np.einsum("dcij,ckj->dcik", bone_rotations(after), bone_rotations(before))
     own = turned[count, count]

@@ -94,10 +94,10 @@ def _estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) ->
 
 
 def _end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
-    """Return the (3,) end of a hand or foot, or NaN if unknown.
+    """Return the (3,) end of a hand or foot, or NaN if it is unknown.
 
-    A hand ends at the knuckle of the middle finger, or else at the mean of all knuckles. ``bones`` maps roles to bones,
-    including fingers. ``before`` is the length of the forearm or shin.
+    A hand ends at the knuckle of the middle finger, or else at the mean of all knuckles. A foot ends at its toe bone.
+    ``bones`` maps roles to bones, including fingers. ``before`` is the length of the forearm or shin.
     """
     side, _, part = role.partition("_")
     knuckle = f"{side}_middle_1"

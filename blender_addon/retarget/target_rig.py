@@ -159,7 +159,7 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
 
 
 def _with_carrier(armature: bpy.types.Object, bones: dict[str, str], notes: list[str]) -> dict[str, str]:
-    """Add the nearest movable ancestor as the carrier if the pelvis is connected to its parent and cannot move."""
+    """Add a carrier, the nearest movable ancestor, if the pelvis is connected to its parent and cannot move."""
     pelvis = armature.data.bones[bones["pelvis"]]
     if "carrier" in bones or not (pelvis.use_connect and pelvis.parent):
         return bones

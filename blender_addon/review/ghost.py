@@ -48,7 +48,7 @@ def _skin(ghost: Ghost, row: int) -> np.ndarray:
 
 
 def make_ghost(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action) -> Ghost:
-    """Return the ghost of a body's take, without the layers on top of it.
+    """Return the ghost of a body's take, without the edit layers on top of the take.
 
     Raises:
         MocapError: the motion file or the body file is missing.

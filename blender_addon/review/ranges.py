@@ -43,7 +43,7 @@ def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list
 
 
 def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = False) -> tuple[int, int] | None:
-    """Return the next range after (or before) a frame, or None. The search wraps around."""
+    """Return the next range after (or before) a frame, or None if there are no ranges. The search wraps around."""
     if not ranges:
         return None
     if backwards:

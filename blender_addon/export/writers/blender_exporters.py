@@ -145,7 +145,7 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the armature and its meshes, but not their scene, as a collection with the armature's name."""
+    """Write the armature and its meshes as a collection with the armature's name, without the scene."""
     action = current_action(take.armature)
     if action is not None and is_take(action) and not same_rate(take.fps, float(action["fps"])):
         hint = "Omit the frame rate, or choose another format."

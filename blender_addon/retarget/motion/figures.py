@@ -146,7 +146,7 @@ def actor_of_poses(
     *,
     still_fingers: bool = False,
 ) -> Actor:
-    """Return the actor for a body's poses, with (F, 2) contacts of the left and right foot."""
+    """Return the actor for a body's poses, with (F, 2) foot contacts. ``still_fingers`` adds hands at rest too."""
     G, joints = pose_joints(own.joints, rotvec, transl)
     turns, columns = G @ R_ARMATURE_BODY.T, list(own.layout.standing_for(SMPL))
     hands = own_hands(own.layout, own.standing, turns, still=still_fingers)
@@ -154,7 +154,7 @@ def actor_of_poses(
 
 
 def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still: bool = False) -> tuple[Hand, ...]:
-    """Return the hands of the add-on's body, given rest positions and (F, J, 3, 3) rotations."""
+    """Return the hands of the add-on's body. Hands that remain at rest are included only if ``still`` is True."""
     index = {joint: j for j, joint in enumerate(layout.joints)}
     hands = []
     for side in SIDES:

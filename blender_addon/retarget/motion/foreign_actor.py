@@ -114,8 +114,8 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
 def find_low_feet(rest: np.ndarray, joints: np.ndarray, contacts: np.ndarray | None = None) -> np.ndarray:
     """Return an (F, 2) mask of the frames with the left and right foot on the floor.
 
-    The ball of a foot on the floor is about as low as at rest, or as low as the lower foot of an upright figure. With
-    (F, 2) contacts from the solve, only frame ranges that include a contact are returned.
+    The ball of a foot on the floor is about as low as at rest, or as low as the lower foot when the figure stands
+    upright. With (F, 2) contacts from the solve, only frame ranges that include a contact are returned.
     """
     leg, heights = leg_m(rest), joints[:, _BALLS, 2]
     lower = heights.argmin(axis=1, keepdims=True)

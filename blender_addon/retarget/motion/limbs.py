@@ -43,7 +43,7 @@ class FootPath:
 
 
 def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) -> list[FootPath]:
-    """Compute the path of each of the target's feet from the actor's.
+    """Compute the paths of the target's feet from the paths of the actor's feet.
 
     The sole point under the ball follows the actor's sole point, scaled. Heel and ankle keep the target's distances
     from this point, so that planted and rolling feet do not slide.

@@ -108,7 +108,7 @@ def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
 def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
-    """Return ankle goals (F, 3). While feet are flat on the floor, rotate feet and toes in place."""
+    """Return ankle goals (F, 3) by role. If contacts are held, also rotate planted feet and toes in ``turns``."""
     low = find_low_feet(actor.rest, actor.joints, actor.contacts)
     goals = {}
     for path in limbs.foot_paths(actor, target, turns, scale):
