@@ -47,9 +47,10 @@ def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarr
 
 
 def axes_in_parent(turns: np.ndarray, axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3 3"]:
-    """Return the rotation axes as columns (F, 3, 3) in the parent segment, after the preceding rotations.
+    """Return the three rotation axes as columns (F, 3, 3), in the axes of the parent segment.
 
-    They are the Jacobian J in ``d = J dθ``, where d is a left-applied rotation vector and θ are the angles.
+    The second axis is rotated by the first angle, and the third axis by the first two angles. The axes form the
+    Jacobian J in ``d = J dθ``, where d is a left-applied rotation vector and θ are the angles.
     """
     first = exp_so3(turns[:, :1] * axes[0])
     second = first @ exp_so3(turns[:, 1:2] * axes[1])

@@ -207,7 +207,7 @@ def _skin(
 
 
 def _axes(y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return right-handed axes as columns (3, 3): y as given, and z in the plane of y and the given z."""
+    """Return right-handed axes as columns (3, 3): y along ``y``, and z in the plane of ``y`` and ``z``."""
     y = unit(y)
     x = unit(np.cross(y, z))
     return np.stack([x, y, np.cross(x, y)], axis=-1)
@@ -295,7 +295,7 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
 
 
 def without_fingers(motion: Motion, body: Body) -> Motion:
-    """Remove a motion's finger joints, so that only the recorded joints of ``body`` remain."""
+    """Remove a motion's finger joints. Only the joints that motions of ``body`` store remain."""
     layout = body.layout.recorded
     own, theirs = motion.body_layout.shared_with(layout)
     if motion.body_layout.joints == layout.joints or len(own) < FIRST_FINGER:
@@ -312,9 +312,9 @@ def without_fingers(motion: Motion, body: Body) -> Motion:
 
 
 def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
-    """Return each segment's rotation covariances (F, 3, 3) in rad², with NaN where the pose is assumed to be at rest.
+    """Return each segment's rotation covariances (F, 3, 3) in rad², or None if the motion has no covariances.
 
-    Return None if the motion has no covariances.
+    They are NaN in frames where a joint of the segment is assumed to be at rest.
     """
     if motion.turn_covariance is None:
         return None

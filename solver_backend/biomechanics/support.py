@@ -47,8 +47,8 @@ class Support:
 def find_support(motion: Motion, body: Body) -> Support | None:
     """Find a motion's floor contacts and balance, or return None if its floor is not at z = 0.
 
-    The contact probability of a body part is ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` for its most likely point,
-    with height z and speed v. σ and τ are ``SIGMA_M`` and ``SIGMA_M_S``.
+    The contact probability of a skin point is ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` at height z and speed v.
+    The most likely point of a body part gives the part's probability. σ and τ are ``SIGMA_M`` and ``SIGMA_M_S``.
     """
     frames = motion.num_frames
     own = np.arange(0, frames, -(-frames // MOST_SAMPLES))
@@ -92,7 +92,10 @@ def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _margin(touching: np.ndarray, centre: np.ndarray) -> float:
-    """Return the distance from c to the edge of the points' hull, positive inside: ``min_u (max_i u·p_i - u·c)``."""
+    """Return the distance from c to the edge of the convex hull of the points p, positive inside.
+
+    ``min_u (max_i u·p_i - u·c)`` over unit vectors u. Without points, the result is NaN.
+    """
     if not len(touching):
         return np.nan
     angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)

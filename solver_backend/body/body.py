@@ -80,7 +80,7 @@ class Body:
 
 
 def load_body(path: Path | None = None) -> Body:
-    """Read a body file (``docs/reference/body-file.md``), by default the built-in one. Raise ``BodyInvalid``."""
+    """Read a body file (``docs/reference/body-file.md``), by default the built-in one, or raise ``BodyInvalid``."""
     return _load_body(Path(path) if path is not None else DEFAULT_BODY)
 
 

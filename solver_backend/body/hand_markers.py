@@ -56,7 +56,7 @@ def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
 
 
 def hand_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return the place, such as ``L_FT2``, of each hand marker label (see ``hand_columns``)."""
+    """Map the label of each hand marker to its place, such as ``L_FT2`` (see ``hand_columns``)."""
     found = hand_columns(labels)
     return {labels[c]: f"{'LR'[side]}_{place}" for side, columns in found.items() for place, c in columns.items()}
 

@@ -53,7 +53,7 @@ def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndar
 
 
 def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.ndarray, "n 5 3 3 3"]:
-    """Convert (n, A) angles in radians to finger joint rotations (n, 5, 3, 3, 3)."""
+    """Convert (n, A) finger angles in radians to rotations (n, 5, 3, 3, 3) of five fingers with three joints each."""
     turns = np.zeros((len(angles), 5, 3, 3))
     turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
     sign = side_sign(side)
@@ -64,8 +64,9 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
     """Measure (n, A) finger angles in radians on (n, 21, 3) ``HAND_POINTS``.
 
-    For a bone along v relative to the previous segment, ``flexion = atan2(-v_y, v_x)`` and ``spread = asin(-σ v_z)``.
-    Angles are NaN where points are missing. Twist cannot be measured on points and is 0.
+    If the unit vector v is a bone's direction in the axes of the previous segment, ``flexion = atan2(-v_y, v_x)`` and
+    ``spread = asin(-σ v_z)``, with σ from ``side_sign``. Angles are NaN where points are missing. Twist cannot be
+    measured on points and is 0.
     """
     frames = palm_frames(points, side)
     bones = _unit(np.diff(points[:, 1:].reshape(len(points), 5, 4, 3), axis=2))
@@ -214,8 +215,8 @@ class HandSkeleton:
     def local_rotations(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n 5 3 3 3"]:
         """Convert (F, A) angles to (F, 5, 3, 3, 3) finger rotations from rest, in the parents' rest frames.
 
-        ``G_j = A_j A_j⁰ᵀ``, where A is the frame of the posed segment and A⁰ its frame at rest. ``R_j = G_pᵀ G_j`` with
-        parent p.
+        ``G_j = A_j A_j⁰ᵀ`` rotates segment j from its rest frame A_j⁰ to its posed frame A_j. The local rotation is
+        ``R_j = G_pᵀ G_j``, where p is the parent of j.
         """
         posed = self.pose(angles)
         G = posed.frames[:, :, 1:] @ np.swapaxes(self.rest, -1, -2)
@@ -235,7 +236,7 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return the (F, L, 3, 3) axes of the points' segments, which are also the derivatives w.r.t. the offsets."""
+    """Return the (F, L, 3, 3) axes of the points' segments, which are the points' derivatives w.r.t. their offsets."""
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
 
@@ -281,7 +282,7 @@ def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
 
 
 def finger_overlap(points: Float[np.ndarray, "frames 21 3"]) -> Float[np.ndarray, " frames"]:
-    """Return the (F,) largest overlap between two fingers in metres, or 0 if none overlap."""
+    """Return the largest overlap (F,) of any two fingers in metres, or 0 in frames without an overlap."""
     return np.maximum(finger_gaps(points).depth.max(axis=1), 0.0)
 
 

@@ -30,7 +30,7 @@ def forward_kinematics(
     """Pose the skeleton of a body: ``G_j = G_p R_j`` and ``p_j = p_p + G_p (J_j - J_p)`` for joint j and its parent p.
 
     ``global_orient`` (F, 3, 3) rotates the body about the pelvis joint, and ``local`` (F, n, 3, 3) rotates joints 1..n.
-    The landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)`` provide derivatives of the joints.
+    For derivatives of the joints, pose the landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)``.
     """
     xp = array_namespace(global_orient)
     rest = constant(body.joints_template, global_orient)
@@ -54,7 +54,7 @@ def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float
 
 
 def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
-    """Select the axis-angles (F, r, 3) of the r joints that motions of a body store. Missing joints get 0."""
+    """Select the axis-angles (F, r, 3) of the r joints that motions of a body store. Joints not in the input get 0."""
     own = np.array(body.recorded_joints[1:]) - 1
     pose = np.zeros((len(vectors), len(own), 3))
     turned = own < vectors.shape[1]

@@ -34,7 +34,7 @@ class Sides:
     letters: tuple[Letters, ...]  # Pairs of letters, one pair per language, English first.
 
     def by_token(self, letters: Letters = ENGLISH) -> dict[str, str]:
-        """Map the words and letters that mean a side, when they are separate from the name, to L or R."""
+        """Map the words and letters that mean a side to L or R. They must be separate from the name in a label."""
         short = {word: side for pair in self.short for word, side in zip(pair, "LR", strict=True)}
         return short | self.words | dict(letters)
 
@@ -55,8 +55,8 @@ class Sides:
         """Split labels that end in a side, as in ``ASISr`` or ``KNIEli``, into side and name.
 
         A last letter alone does not prove a side, as in ``HEEL``. A label is split if the label for the other side also
-        exists, or if the ending separates at least ``LEAST_GLUED`` other labels in this way. It is never split if there
-        is a label for the medial marker (``ARMl`` next to ``ARMm`` is lateral).
+        exists, or if at least ``LEAST_GLUED`` other labels with the same ending have such a counterpart. It is never
+        split if there is a label for the medial marker (``ARMl`` next to ``ARMm`` is lateral).
         """
         there, found = set(names), dict[str, tuple[str, str]]()
         shown: Counter[str] = Counter()
@@ -157,7 +157,7 @@ class LabelWords:
     def known_in(self, text: str) -> tuple[str, frozenset[str]]:
         """Return the side in a text ("" if it names none or both), and the known words in it.
 
-        A single letter that is not a side hides all words, because it may change their meaning.
+        A single letter that is not a side may change the meaning of the words. The result is then empty.
         """
         by_token = self.sides.by_token(ENGLISH)
         tokens = self._joined([token.upper() for token in _TOKENS[0].findall(spelt(text))])
@@ -199,7 +199,7 @@ class LabelWords:
         return bool(self.without_side(label))
 
     def without_side(self, label: str) -> tuple[str, ...]:
-        """Return the locations (without side) that a label may name if it does not state a side that it needs."""
+        """Return the locations, without side, of a label that needs a side but does not state it, otherwise ()."""
         side, words = self.of(label)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words and not side else ()
         return () if any(part[0] == "-" for part in parts) else parts

@@ -169,7 +169,7 @@ def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
 def _others(
     xp: Any, pairs: _LandmarkPairs, G: Array, local: Array, lever_map: Array, correction: Array | None
 ) -> Array:
-    """Return Jacobian columns (F, 3, 3, N), by axis and tangent, of pairs that are not whole."""
+    """Return the Jacobian (F, 3, 3, N), by frame, axis, tangent and pair, of the N pairs that are not whole."""
     frames, num_pairs = G.shape[0], len(pairs.landmark)
     lever = xp.matmul(xp.reshape(xp.permute_dims(G, (0, 2, 1, 3)), (3 * frames, -1)), lever_map)
     lever = xp.reshape(lever, (frames, 3, num_pairs))
@@ -200,7 +200,7 @@ def _applied(matrices: Array, vectors: Array) -> Array:
 
 
 def _corrected_by_tangents(xp: Any, pairs: _LandmarkPairs, local: Array) -> Array:
-    """Return ``D_k vec([e_a]x R_k)`` (F, 3, 3, Q) by rest axis and tangent a, for Q pairs with pose correctives D_k."""
+    """Return ``D_k vec([e_a]x R_k)`` (F, 3, 3, Q) of Q pairs with pose correctives, by rest axis, tangent and pair."""
     frames = local.shape[0]
     R = xp.reshape(xp.permute_dims(local[:, [k - 1 for k in pairs.corrected]], (1, 0, 2, 3)), (-1, frames, 9))
     moved = xp.reshape(xp.matmul(R, constant(pairs.corrective, R)), (len(pairs.corrected), frames, 9, -1))
@@ -231,7 +231,7 @@ def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _Landm
 
 
 def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
-    """Return the joints with correctives, the correctives padded to equal width, and indices of the columns in use."""
+    """Return joints with correctives, the correctives padded with zeros to equal width, and the columns in use."""
     joints = tuple(int(k) for k in np.flatnonzero(corrected.any(0)))
     width = int(corrected.sum(0).max(initial=0))
     # D_k vec([e_a]x R) = D' vec(R): the cross product is folded into the constant.

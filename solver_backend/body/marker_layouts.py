@@ -53,7 +53,7 @@ class LayoutFile:
 
     @cached_property
     def places_read(self) -> dict[tuple[str, Letters], tuple[str, ...]]:
-        """Cache for the locations that names mean. The keys are names and the letters that mean sides."""
+        """Cache of the locations that each name means. The key is a name and the letters that mean a side."""
         return {}
 
     def place_of(self, label: str) -> str | None:

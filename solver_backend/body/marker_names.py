@@ -23,9 +23,10 @@ _WAIST = ("FWT", "MWT")  # Pelvis locations where the skin moves with the hips.
 
 
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
-    """Assign a location to each ambiguous label that has only one possible location on a labelled limb.
+    """Choose the location of each ambiguous label, and omit labels without a clear choice.
 
-    ``LateralEpicondyleL`` belongs to the elbow if only arms have markers, or if the knee has another label.
+    Locations that another label has are excluded. If several remain, only locations on an arm or leg with other labels
+    count. ``LateralEpicondyleL`` belongs to the elbow if only arms have markers, or if the knee has another label.
     """
     limbs = {limb for place in known if (limb := limb_of(place, file))}
     found: dict[str, str] = {}
@@ -262,7 +263,7 @@ _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE
 
 
 def named_bone(label: str) -> str | None:
-    """Return the joint where the bone starts that a label or its subject name describes, such as ``left_knee``.
+    """Return the joint where a bone starts, such as ``left_knee``. The label or its subject name describes the bone.
 
     Return None if neither describes a bone.
     """
@@ -288,11 +289,11 @@ _TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}  # Endings
 
 
 def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-    """Find the side of limb labels that do not state it, and return the location of each label.
+    """Find the side of arm and leg labels that do not state a side, and map them to locations.
 
     Left and right markers with known locations, such as both ASIS, define the median plane. The result is empty if
     there is no such pair, if the markers are not all clearly on one side of the plane, or if there are fewer than
-    ``LEAST_LABELS``. Labels of a limb that other labels name with a side are ignored.
+    ``LEAST_LABELS``. Labels of arms are ignored if another arm label states its side. The same applies to legs.
 
     Args:
         own: maps labels to user-defined locations, which always win.
@@ -317,9 +318,9 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
 
 
 def _parts(bare: Mapping[str, str]) -> dict[str, str]:
-    """Return the location, without side, of each label that can mean only one location.
+    """Return the location, without side, of each label that has only one possible location.
 
-    If a label has several possible locations, it means the one on a limb that an unambiguous label names.
+    If a label has several possible locations, only those on an arm or leg with an unambiguous label count.
     """
     words, there = load_layouts().words, set(bare.values())
     several: dict[str, tuple[str, ...]] = {}

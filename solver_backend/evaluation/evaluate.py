@@ -234,7 +234,7 @@ def _of_truth(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray,
 
 
 def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the motion's points and the reference's points (F, N, 3) for the N names that both have, and the names."""
+    """Return the points (F, N, 3) of the motion and of the reference, and the N names that both have."""
     markers = capture.markers
     seen = np.isfinite(markers.positions).all(-1).any(0) if markers else ()
     labels = (markers and markers.labels) or ()
@@ -278,7 +278,7 @@ def _at_frames(markers: MarkerCloud, columns: list[int], motion: Motion) -> np.n
 
 
 def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return the foot skating of SMPL's toes, found and true. The floor is at the lowest height of the true toes."""
+    """Return the skating of the solved and the true feet. The floor is at the lowest height of the true toes."""
     if names != SMPL.joints:
         return {}
     toes = [names.index(name) for name in ("left_foot", "right_foot")]

@@ -115,7 +115,7 @@ def householder_basis(x: Array) -> Array:
 
 
 def identities(x: Array, size: int) -> Array:
-    """Return an identity matrix for every point in ``x`` (..., a)."""
+    """Return an identity matrix (..., size, size) for every point in ``x`` (..., a)."""
     identity = constant([[float(i == k) for k in range(size)] for i in range(size)], x)
     return identity + array_namespace(x).zeros_like(x[..., :1])[..., None]
 

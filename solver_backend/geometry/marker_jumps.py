@@ -61,7 +61,8 @@ def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
     """Return an (F, M) mask of frozen markers, which do not move while their neighbours do.
 
-    Other markers that are motionless in exactly the same frames also count, because a program froze them together.
+    A marker next to frozen markers has no neighbour that moves. It also counts as frozen if it is motionless in exactly
+    the same frames as a frozen marker.
     """
     still = np.zeros(points.shape[:2], dtype=bool)
     same = (np.diff(points, axis=0) == 0).all(-1)
@@ -80,7 +81,7 @@ def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all: bool = False) -> bool:
-    """Return whether a marker's distances from its neighbours (from all, if ``of_all``) differ after a gap."""
+    """Return whether the distances to the neighbours jump in a gap: their median, or all of them if ``of_all``."""
     seen = np.isfinite(points[:, marker]).all(-1)
     for first, last in true_runs(~seen):
         if first == 0 or last == len(points) - 1:
@@ -94,12 +95,12 @@ def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all:
 
 
 def _middle(values: np.ndarray) -> np.ndarray:
-    """Return the median (F, 3) of the visible ones among n vectors (F, n, 3), or 0 if none is visible."""
+    """Return the coordinate-wise median (F, 3) of the visible vectors among (F, n, 3), or 0 if none is visible."""
     return np.nan_to_num(quantile(values, 0.5, axis=1))
 
 
 def _least(values: np.ndarray) -> np.ndarray:
-    """Return the smallest length (F,) of the visible ones among n vectors (F, n, 3), or 0 if none is visible."""
+    """Return the smallest length (F,) of the visible vectors among (F, n, 3), or 0 if none is visible."""
     length = np.linalg.norm(values, axis=-1)
     least = np.where(np.isfinite(length), length, np.inf).min(axis=1, initial=np.inf)
     return np.where(np.isfinite(least), least, 0.0)

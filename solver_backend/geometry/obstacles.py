@@ -44,11 +44,11 @@ class Obstacles:
         return replace(self, planes=self.planes[1:])
 
     def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signed distances (...) in metres of points (..., 3) from the nearest obstacle, and its normals.
+        """Return the signed distances (...) in metres from points (..., 3) to the nearest obstacle, and its normals.
 
         Distances are negative inside. Meshes farther than ``reach`` are ignored. If no mesh is in reach and there are
         no planes, the distance is infinite. A point is inside a mesh if the nearest triangle faces away from it. If
-        several triangles are equally near, the one most perpendicular to the connecting line decides.
+        several triangles are equally near, the one most perpendicular to the line from the point decides.
         """
         flat = points.reshape(-1, 3)
         heights = flat @ self.planes[:, :3].T - self.planes[:, 3]

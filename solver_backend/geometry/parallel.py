@@ -65,7 +65,7 @@ def usable_cores() -> int:
 
 
 def block_size(size: int, like: Any) -> int:
-    """Return the number of frames per block for arrays like ``like``: ``size``, or more with torch."""
+    """Return the number of frames per block: ``size`` for NumPy arrays, ``TORCH_BLOCK`` times as many for tensors."""
     return size * TORCH_BLOCK if is_torch(like) else size
 
 

@@ -180,8 +180,8 @@ def left_jacobian_inverse_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*bat
 def matrix_from_6d(x: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
     """Convert the continuous 6D representation to rotations by Gram-Schmidt.
 
-    ``b1 = a1/|a1|``, ``b2 = (a2 - (b1·a2) b1)/|…|``, ``b3 = b1 × b2``. Columns shorter than 1e-12 are not normalised,
-    so a zero or collinear input gives neither a rotation nor NaN.
+    With ``x = (a1, a2)``: ``b1 = a1/|a1|``, ``b2 = (a2 - (b1·a2) b1)/|…|``, ``b3 = b1 × b2``. Columns shorter than
+    1e-12 are not normalised, so the result is finite for a zero or collinear input, but not a rotation.
 
     Reference: Zhou et al. 2019, "On the Continuity of Rotation Representations in Neural Networks", eq. 11-12.
     """

@@ -202,7 +202,7 @@ def _order(reference: ReferenceTake) -> np.ndarray:
 
 
 def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, reference: ReferenceTake) -> np.ndarray:
-    """Return the costs (B, N) of assigning ``label`` to each of N points in B hypotheses, from triple products."""
+    """Return the costs (B, N) of ``label`` for each of N points in B hypotheses, by comparing triple products."""
     added = np.zeros((len(laid), len(now)))
     if len(before) < 3:
         return added
@@ -223,7 +223,7 @@ def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, 
 def _spread(
     tracks: np.ndarray, alive: np.ndarray, found: np.ndarray, reference: ReferenceTake
 ) -> tuple[np.ndarray, float]:
-    """Propagate known labels to all chains. Return each chain's label and the score of the fit."""
+    """Propagate the labels ``found`` to all chains of tracklets. Return each chain's label and the score of the fit."""
     seen = [np.flatnonzero(column) for column in alive.T]
     samples = [frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLES).astype(int))] for frames in seen]
     for _ in range(ROUNDS):
@@ -249,8 +249,8 @@ def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
 def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
     """Return the mean cost (L,) of each label for a tracklet, given its distances to labelled points.
 
-    ``points`` (S, 3) are the tracklet's, and ``named`` (S, L, 3) are the labelled points. The point with the tracklet's
-    own label ``own`` (-1 if none) is ignored.
+    ``points`` (S, 3) are the tracklet's positions in S frames, and ``named`` (S, L, 3) are the labelled points in these
+    frames. Distances to the label ``own``, which the tracklet has now (-1 if none), are ignored.
     """
     distance = np.linalg.norm(named - points[:, None], axis=-1)
     if own >= 0:
@@ -333,10 +333,10 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
 
 
 def replacement_gains(one: TakeShape, other: TakeShape, marker: int, candidates: np.ndarray) -> np.ndarray:
-    """Return how much better two takes agree (K,) if one of K candidate points is the marker, not the labelled point.
+    """Return how much better (K,) two takes agree if a candidate point replaces a marker's labelled point.
 
-    The first take has M markers, followed by additional points. The candidates are indices of its additional points.
-    The second take has the same M markers, and NaN for the additional points.
+    The first take has M markers, followed by additional points. ``candidates`` (K,) are indices of these additional
+    points. The second take has the same M markers, and NaN for the additional points.
     """
     shared = other.variance[marker] + one.variance[marker]
     weight = 1.0 / (1.0 + 0.5 * shared / RIGID_M**2)
@@ -351,7 +351,7 @@ def _misfit(one: TakeShape, other: TakeShape, x: np.ndarray, y: np.ndarray | int
 
 
 def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarray) -> float:
-    """Return the gain in triple products from swapping two markers, over pairs of the most rigid other markers."""
+    """Return the gain from swapping two markers, by triple products that each contain two of the most rigid others."""
     gain = 0.0
     around = [int(c) for c in np.argsort(-rigid, kind="stable")[:OTHERS] if rigid[c] > 0.1]
     for c, d in combinations(around, 2):
@@ -473,7 +473,7 @@ def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameCh
 
 
 def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float, bool]]:
-    """Return the takes with two swapped labels, the gain of the swap, and whether the swap is certain.
+    """Find the takes with two swapped labels. Return each take, the gain of a swap, and whether it is certain.
 
     ``gain`` (T, T) is the gain from a swap between two takes, NaN if one of them does not show both markers.
     ``by_layout`` (T,) is the gain relative to the layout's landmarks.

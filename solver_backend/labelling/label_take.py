@@ -63,14 +63,15 @@ class Votes:
 def voted(
     votes: Votes, together: np.ndarray, fps: float, bound: dict[int, int], by_distance: np.ndarray, by_body: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the label and confidence of every chain. The label is ``UNKNOWN`` if none is probable enough.
+    """Return the label and confidence of every chain of tracklets. The label is ``UNKNOWN`` if none is probable enough.
 
-    Four log likelihoods are added for each label: the network's votes, the evidence by distances and by a fitted body
-    (C, 54), and a prior. The votes count as often as there are independent readings.
+    Four log likelihoods are added for each label: the network's votes, the evidence from distances, the evidence from a
+    fitted body, and a prior. The votes of successive frames are similar, so they are reduced to the number of
+    independent readings.
 
     Args:
         together: (C, C) mask of chains that are visible at the same time.
-        bound: the user's label of some chains.
+        bound: maps chains to the labels that the user assigned.
         by_distance: result of ``distance_evidence``, or 0.
         by_body: result of ``body_evidence``, or 0.
     """
@@ -202,7 +203,11 @@ class BodyFit(Protocol):
     def step(
         self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
     ) -> FittedBody:
-        """Fit the body to markers (53, 3). Missing ones use ``guess`` with deviations ``guess_sigma`` (53,)."""
+        """Fit the body to one frame of markers (53, 3). Hidden markers are replaced by ``guess``.
+
+        ``guess`` (53, 3) has the standard deviations ``guess_sigma`` (53,) in metres. ``dt`` is the time since the last
+        frame in seconds. ``steps`` is the smallest number of Gauss-Newton steps, or None for the default.
+        """
         ...
 
 

@@ -45,7 +45,7 @@ class CloudReading:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(B, 77, 3, 3) covariances in m², ``ν / (ν - 2) (L Lᵀ)⁻¹`` for Student's t-distribution with ν = 4."""
+        """(B, 77, 3, 3) covariances in m², ``ν / (ν - 2) (L Lᵀ)⁻¹`` of Student's t with ν = 4 and L from ``spread``."""
         log_diagonal, lower = np.clip(self.spread[..., :3], -4.0, 5.0).astype(float), self.spread[..., 3:].astype(float)
         L = np.zeros((*self.spread.shape[:-1], 3, 3))
         L[..., range(3), range(3)] = np.exp(log_diagonal)
@@ -166,7 +166,7 @@ _PART, _PAIRS = 64, 64 * 100**2  # Largest numbers of frames and point pairs rea
 
 @dataclass(frozen=True)
 class FramesRead:
-    """Network outputs for a batch of B frames, with the (B, N) columns that were read and a mask of existing points."""
+    """Network outputs for B frames, the (B, N) columns of the points in the take, and a mask of existing points."""
 
     frames: np.ndarray
     columns: np.ndarray
@@ -201,7 +201,7 @@ def require_points(seen: np.ndarray) -> None:
 
 
 def require_at_most(most: int, found: int, what: str) -> None:
-    """Raise ``CaptureInvalid`` if more than ``most`` items were found, too many to compare in pairs."""
+    """Raise ``CaptureInvalid`` if there are more than ``most`` items, which are too many to compare in pairs."""
     if found > most:
         what = f"Labelling is not supported for {found} {what}. The limit is {most}."
         hint = "Remove stray points, or cut the take, in the recording program."

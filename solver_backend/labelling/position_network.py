@@ -33,7 +33,7 @@ class PositionNetwork:
     sha256: str
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Label the points of (B, N, 3) clouds in metres, Z up. Joints are NaN if the network lacks one of the 24."""
+        """Label the points of (B, N, 3) clouds in metres, Z up. Joints are NaN unless the network has all 24."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)

@@ -88,7 +88,7 @@ def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
 
 
 def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: np.ndarray, fps: float) -> np.ndarray:
-    """Return the chain of each tracklet. A chain continues if exactly one tracklet starts near its end."""
+    """Return each tracklet's chain. A chain continues if one tracklet starts near its end, and no other is as near."""
     count = len(column)
     chain = np.arange(count)
     if count < 2:
@@ -306,9 +306,9 @@ def distance_evidence(
 
     The log likelihood of label a for chain i is ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)`` over
     trusted chains j with labels b. m is the mean distance, c its change, s the person's relative size, and t Student's
-    t-distribution. The sum counts at most as much as ``READINGS`` chains. If the same two markers on the other side of
-    the body are labelled, half of the first density is centred on their distance in this take. A ghost is at a landmark
-    from another layout, or anywhere on the body.
+    t-distribution. The sum counts at most as much as ``READINGS`` chains. If the two corresponding markers on the other
+    side of the body are labelled, the first density is mixed in equal parts with a density around their distance in
+    this take. The label ghost stands for a landmark of another layout, or for any other position on the body.
     """
     chains = len(labels)
     partners = np.flatnonzero(trusted & (labels >= 0) & (labels < GHOST))
@@ -342,7 +342,8 @@ def _evidence_of(
 ) -> np.ndarray:
     """Return the rows of ``distance_evidence`` for the chains ``which`` (R,), from distances to ``partners``.
 
-    ``mirrored`` comes from ``_of_the_other_side`` for an average person. ``size`` is relative to the table's person.
+    ``mirrored`` is the result of ``_of_the_other_side``, divided by ``size``. ``size`` is the ratio of the person's
+    size to the size in the table.
     """
     theirs, pairs = labels[partners], np.ix_(which, partners)
     mean, change = found.mean[pairs] / size, found.change[pairs] / size
@@ -373,9 +374,10 @@ def _evidence_of(
 
 
 def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return the distances (53, 53) between each marker pair's counterparts on the other side of the body.
+    """Return the distances (53, 53) between the counterparts of each two markers on the other side of the body.
 
-    Both markers must be on the same side. Otherwise, a chain on the wrong side would be its own counterpart.
+    The distance is NaN if the two markers are on different sides. Otherwise, a chain with a label of the wrong side
+    would be its own counterpart.
     """
     pairs = np.ix_(partners, partners)
     mean, seconds = found.mean[pairs], found.seconds[pairs]

@@ -56,7 +56,7 @@ class FacePacket(NamedTuple):
 
 
 def decode_live_link(packet: bytes) -> FacePacket:
-    """Decode a packet from Live Link Face. Raise ``FacePacketInvalid`` if it is anything else."""
+    """Decode a packet from Live Link Face. Raise ``FacePacketInvalid`` if its format is different."""
     if packet[:1] != bytes([VERSION]):
         raise FacePacketInvalid(f"it does not begin with the version {VERSION}")
     at = 1
@@ -85,7 +85,7 @@ def decode_live_link(packet: bytes) -> FacePacket:
 
 
 def decode_ifacialmocap(packet: bytes) -> FacePacket:
-    """Decode a packet from iFacialMocap. Raise ``FacePacketInvalid`` if it is anything else."""
+    """Decode a packet from iFacialMocap. Raise ``FacePacketInvalid`` if its format is different."""
     try:
         text = packet.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -145,7 +145,7 @@ def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:
 
 
 def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | None = None) -> Iterator[LiveLine]:
-    """Convert face frames and events from ``listen`` to output lines. Each frame is recorded first."""
+    """Convert the frames and events that ``listen`` yields to output lines. A recorder receives each frame first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):

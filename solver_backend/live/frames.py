@@ -56,7 +56,7 @@ class ViewMoment:
 
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
-    """Play a marker take frame by frame, at the recorded rate (``paced``) or without waiting."""
+    """Play a marker take frame by frame: at the recorded rate if ``paced``, otherwise without waiting."""
     for number, due in due_times(len(cloud.positions), cloud.fps, paced=paced, repeat=repeat):
         frame = measured(cloud.positions[number % len(cloud.positions)])
         yield PointFrame(number / cloud.fps, frame, time.perf_counter(), due=due)
@@ -145,8 +145,8 @@ class KeepUp:
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
     """Read a stream in a thread, as its frames arrive, and yield them in order.
 
-    A frame is due when it arrives or when the sender's clock reaches its time, whichever is later. The lines of a file
-    all arrive early, so they are late only if they are output after their own time.
+    A frame is due when it arrives or when the sender's clock reaches its time, whichever is later. All lines of a file
+    arrive before their times. They are late only if they are output after these times.
     """
     waiting: Queue[PointFrame | BaseException | None] = Queue(_MOST_WAITING)
     gone = Event()

@@ -157,7 +157,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         return True
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
-        """Yield the frames that a packet completes. ``arrived`` is its arrival by ``time.perf_counter()``."""
+        """Yield the frames that a packet completes. ``arrived`` is the arrival time by ``time.perf_counter()``."""
         second, invalid = self.words
         other = sender != self._sender
         if other and arrived - self._heard < SENDER_GONE_S:  # before decoding, because another sender may never stop

@@ -55,7 +55,7 @@ class RecordingFormat(ABC, Generic[Item]):
 
     @abstractmethod
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Convert a recording to a file, then remove the recording. Return whether it had any content.
+        """Convert a recording to a file, then remove the recording. Return whether it had any frames.
 
         Raises:
             FileDamaged: the recording is not in this format.
@@ -194,7 +194,7 @@ class PointsRecording(RecordingFormat[[PointFrame]]):
         return pack_block(LiveBlock(frame.time, frame.points, self.fps, self.world()))
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a C3D file. Points keep their coordinates if unit and up axis were never found."""
+        """Write a C3D file. Points are not transformed if their unit and up axis were never determined."""
         with recording.open("rb") as stream:
             extent = measure_recording(stream)
             world = self.world()
@@ -294,7 +294,7 @@ def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
-    """Interpolate recorded poses to a motion at (F,) regular times. Rotations follow great arcs.
+    """Interpolate recorded poses to a motion at (F,) regular times. Rotations are interpolated by SLERP.
 
     Each of the (N, 4 + 3 J) rows contains the time in seconds, the translation and the rotation vectors of a pose.
     """
@@ -322,7 +322,7 @@ def even_times(times: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def rate_of(times: np.ndarray) -> float:
-    """Estimate the frame rate of (F,) times with jitter and gaps: a common rate if one is near, or a whole number."""
+    """Estimate the frame rate of (F,) times with jitter and gaps. Return a common rate or the nearest whole number."""
     if len(times) < 2:
         return 60.0
     apart = np.diff(times)

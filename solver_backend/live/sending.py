@@ -25,7 +25,7 @@ Proportions = Callable[[], tuple[BodyLayout, np.ndarray]]
 class PoseSender:
     """Context manager that sends the poses of live output lines to another program.
 
-    It asks for the body's proportions before the first pose, and again when the shape or the fingers become known.
+    It calls ``proportions`` before the first pose, and again when the body's shape or fingers become known.
     """
 
     def __init__(self, address: VmcAddress, proportions: Proportions) -> None:
@@ -75,7 +75,7 @@ class PoseSender:
 
 
 def pose_values(rotvec: np.ndarray, transl: np.ndarray) -> PoseValues:
-    """Convert rotation vectors (J, 3) and metres (3,) to an output line's values, rounded to 1 µrad and 1 µm."""
+    """Convert rotation vectors (J, 3) and a translation (3,) to an output line's values, rounded to 1 µrad and 1 µm."""
     root, pose, trans = (np.round(part, 6).ravel().tolist() for part in (rotvec[0], rotvec[1:], transl))
     return {"root": root, "pose": pose, "trans": trans}
 

@@ -52,7 +52,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
 
     @abstractmethod
     def _lines(self, moment: Shown, dt: float) -> Iterator[LiveLine]:
-        """Yield events, then a line with the pose or the reason why there is none. ``dt`` is the time step in s."""
+        """Yield events, then a line with the pose or the reason for a missing pose. ``dt`` is the time step in s."""
 
     @abstractmethod
     def _reset(self) -> None:
@@ -77,7 +77,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
                 yield event("restarted", message, moment.time)
 
     def step(self, moment: Shown) -> Iterator[LiveLine]:
-        """Fit one moment. Yield events, then a line with the pose or the reason why there is none."""
+        """Fit one moment. Yield events, then a line with the pose or the reason for a missing pose."""
         if moment.fault:
             yield event("line_ignored", moment.fault, moment.time)
             return
@@ -146,8 +146,9 @@ _LIMBS = _limbs_of(MARKERS, _PARTS, {"left": "L", "right": "R"})
 def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]] = _LIMBS) -> str:
     """Return a text with the reasons why a pose is unsure, or an empty string.
 
-    ``off_m`` (L,) are the distances from the markers or keypoints to the body in metres, NaN where missing. ``limbs``
-    contains the indices of each limb, by default among the 53 markers.
+    ``off_m`` (L,) are the distances from the markers or keypoints to the body in metres, NaN where missing.
+    ``unexplained`` is the number of points that do not match the body. ``limbs`` contains the indices of each limb, by
+    default among the 53 markers.
     """
     seen = {limb: off_m[rows][np.isfinite(off_m[rows])] for limb, rows in limbs.items()}
     medians = {limb: float(np.median(off)) for limb, off in seen.items() if len(off) >= _FEWEST}

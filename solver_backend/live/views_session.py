@@ -157,8 +157,8 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
         """Return the person's (C, K, 2) pixels and (C, K) confidences, missing in views that do not show the person.
 
-        Sides that look swapped compared with the last pose are corrected if more keypoints then agree between views. If
-        not, the last pose itself was wrong.
+        Limbs may look swapped between left and right compared with the last pose. They are corrected only if more
+        keypoints then agree between views. Otherwise, the last pose may be wrong.
         """
         K, count = self.joint_set.num_keypoints, len(self.cameras.names)
         seen = np.full((count, K, 3), np.nan)
@@ -203,7 +203,7 @@ def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
-    """Return the keypoints of the person closest to ``expected`` (K, 2) pixels, or of the largest one if None."""
+    """Return the keypoints of the person near ``expected`` (K, 2) if given, otherwise of the largest person."""
     shown, confidence = _split(people)
     known = np.isfinite(shown).all(-1).any(axis=1)
     if not known.any():

@@ -97,7 +97,7 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
         return None if numbers is None else (name, *numbers)
 
     def _numbers(self, message: OscMessage) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the rotation (wxyz) and position in a message's seven numbers, or None if they are impossible."""
+        """Return a message's rotation (wxyz) and position, or report invalid numbers once and return None."""
         values = [v for v in message.values[1:8] if isinstance(v, float | int) and not isinstance(v, bool)]
         numbers = np.array(values if len(values) == 7 else [math.nan], np.float64)
         length = float(np.linalg.norm(numbers[3:])) if (np.abs(numbers) < FARTHEST_M).all() else 0.0
@@ -134,8 +134,9 @@ _PULL = 1e-11  # Weight of the mean shape in square metres. It acts where joints
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     """Find the (10,) shape with these T-pose joints (24, 3), or return None if the sender uses another body.
 
-    Gauss-Newton steps minimise ``Σ |b_j(β) - b_j|² + λ |β|²`` over shapes β. Bones b that the T-pose does not rotate
-    are compared as vectors, and all other bones by their lengths: ``d|b| = b/|b| · db``. Missing joints are NaN.
+    Gauss-Newton steps minimise ``Σ |b_j(β) - b_j|² + λ |β|²`` over shapes β, where b_j is the sender's bone from the
+    parent of joint j to joint j. If the T-pose rotates a bone, only its length is compared: ``d|b| = b/|b| · db``.
+    Missing joints are NaN.
     """
     layout, count = body.layout, len(joints)
     child = np.array([j for j in range(1, count) if np.isfinite(joints[j]).all()])
@@ -218,7 +219,7 @@ def pose_lines(
     recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
 ) -> Iterator[LiveLine]:
-    """Convert bone frames and events from ``listen`` to output lines. Each frame is recorded first."""
+    """Convert the frames and events that ``listen`` yields to output lines. The recorders receive each frame first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):

@@ -42,7 +42,7 @@ def describe(expected: Expected) -> str:
 
 
 def mean_or_nan(values: np.ndarray) -> float:
-    """Return the mean of the finite values, or NaN if there are none, without NumPy's warning."""
+    """Return the mean of the finite values, or NaN if there are none. Unlike ``numpy.nanmean``, do not warn."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else float("nan")
 
@@ -69,8 +69,8 @@ def mpjpe_mm(found: Points, truth: Points) -> float:
 def rmse_mm(found: Points, truth: Points) -> float:
     """Return the mean over frames of the RMS distance in millimetres, without alignment.
 
-    The error is ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` for N frames of J points (..., J, 3) in metres. Frames
-    without a common point are excluded. Thesis eq. 4.28 omits the square of the norm and the unit.
+    The error is ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` for N frames of J points (..., J, 3) in metres. Frames in
+    which no point is known in both arrays are excluded. Thesis eq. 4.28 omits the square of the norm and the unit.
     """
     squared = distances_m(found, truth) ** 2
     known = np.isfinite(squared)
@@ -83,7 +83,8 @@ def rmse_mm(found: Points, truth: Points) -> float:
 def pa_mpjpe_mm(found: Points, truth: Points) -> float:
     """Return the mean distance in mm after aligning each frame to the truth by a similarity (PA-MPJPE, Umeyama 1991).
 
-    Points (..., N, 3) missing on either side are excluded, and frames with fewer than three common points too.
+    Points (..., N, 3) that are missing in either array are excluded. Frames with fewer than three common points are
+    also excluded.
     """
     found, truth = same_shape(found, truth, POINTS)
     found, truth = found.reshape(-1, *found.shape[-2:]), truth.reshape(-1, *truth.shape[-2:])
@@ -101,7 +102,7 @@ WORLD_FRAMES = 100  # Number of frames in a segment that is aligned as a whole (
 
 
 def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> float:
-    """Return WA-MPJPE-100 in mm, which aligns each segment of 100 frames by one similarity.
+    """Return WA-MPJPE-100 in mm: the mean error after aligning each segment of 100 frames by one similarity.
 
     ``fitted`` = 2 gives W-MPJPE-100, where the similarity is fitted to the first two frames of each segment. A shorter
     last segment counts if it has at least two frames. References: Ye et al. 2023, "Decoupling human and camera motion
@@ -158,7 +159,8 @@ SKATING_HEIGHT_M = 0.025  # Height below which a toe counts as standing (thesis 
 def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelerations points 3"]:
     """Return (F - 2, N, 3) second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²`` in m/s² (thesis 6.3.4).
 
-    A difference is NaN if a point is missing in one of its three frames. Fewer than three frames give none.
+    A difference is NaN if a point is missing in one of its three frames. The result is empty for fewer than three
+    frames.
     """
     points = has_shape(points, ("frames", "points", 3))
     return (points[2:] - 2.0 * points[1:-1] + points[:-2]) * fps**2
@@ -177,10 +179,10 @@ def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
 def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0) -> float:
     """Return how far standing toes (F, N, 3) slide on the floor, in cm per frame (Z up).
 
-    ``FS = 1/N Σ v (2 - 2^(h/H))`` over frames with ``h ≤ H``: ``v`` is the horizontal distance to the next frame, ``h``
-    the height above the floor (at least 0), and ``H`` is ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the
-    number of frames, as its unit implies. The result is NaN for fewer than two frames. Reference: Mir et al. 2023,
-    "Generating continual human motion in diverse 3D scenes" (thesis, reference 204).
+    The result is the mean of ``v (2 - 2^(h/H))`` over all toes and frames, with 0 where ``h > H`` (thesis 6.3.4). ``v``
+    is the horizontal distance to the next frame, ``h`` is the height above the floor (at least 0), and ``H`` is
+    ``SKATING_HEIGHT_M``. The result is NaN for fewer than two frames. Reference: Mir et al. 2023, "Generating continual
+    human motion in diverse 3D scenes" (thesis, reference 204).
     """
     toes = has_shape(toes, ("frames", "points", 3))
     way_cm = 100.0 * np.linalg.norm(np.diff(toes[..., :2], axis=0), axis=-1)

@@ -125,7 +125,7 @@ def decoded_rotations(decoder: DenseStack, z: Codes) -> Poses:
 
 
 def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-    """Decode codes (N, d), and return a function that propagates derivatives from left tangents back to codes."""
+    """Decode codes (N, d) to poses. Also return the vector-Jacobian product, from left tangents to codes."""
     xp = array_namespace(z)
     flat, flat_vjp = decoder.with_vjp(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))

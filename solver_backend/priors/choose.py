@@ -40,7 +40,7 @@ class GaussianOnSphere(AutoencodingPrior):
 
     @property
     def latent_dim(self) -> int:
-        """Number of entries in a code, two more than in the Gaussian prior's."""
+        """Number of entries in a code, two more than in a code of the Gaussian prior."""
         return self._prior.latent_dim + 2
 
     def encode(self, rotations: Poses) -> Codes:

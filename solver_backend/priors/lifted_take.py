@@ -85,7 +85,7 @@ class LiftedTake:
         return up / max(float(np.linalg.norm(up)), 1e-9)
 
     def placed(self, body: Body, landmarks: Landmarks, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return landmarks (F, L, 3) and positions (F, 3) of a person of shape ``betas``, in metres in camera axes."""
+        """Return a person's landmarks (F, L, 3) and translations (F, 3) for a body shape, in metres in camera axes."""
         still = np.zeros((len(self.local), 3))
         points = np.asarray(pose_landmarks(body, landmarks, betas, self.view.root, self.local, still).points)
         places = smoothed_places(place_before_camera(points, self.image, self.confidence), self.fps)
@@ -110,7 +110,7 @@ def lift_take(
     prior: AutoencodingPrior | None = None,
     up: np.ndarray | None = None,
 ) -> LiftedTake:
-    """Lift one camera's keypoints to 3D, and average with the result of the mirrored keypoints.
+    """Lift one camera's keypoints and their mirror image to 3D, and average the two results.
 
     Args:
         camera: a single camera. Only its lens is used.
@@ -213,7 +213,7 @@ def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up
 def _lower(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the n frames with a visible foot, and the column of the foot point with the lowest sole in each."""
+    """Return the n frames with a visible foot, and the column of each frame's foot point with the lowest sole."""
     columns = np.array([k for k, name in enumerate(names) if name in _FEET], dtype=int)
     if not len(columns):
         return columns, columns

@@ -61,7 +61,7 @@ def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
 
 
 def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
-    """Return the network's (F, 76) input: points relative to the trunk, and a mask of known points."""
+    """Return the network's (F, 76) input: points in trunk axes (0 if unknown), and a mask of known points."""
     xp = array_namespace(points)
     local = xp.matmul(points - trunk.origin[:, None], trunk.R)
     mask = xp.astype(seen, points.dtype)[..., None]

@@ -194,7 +194,7 @@ class PoseField:
         return distance[:, 0], xp.permute_dims(self._by_quats(slopes, by_feature), (1, 0, 2))
 
     def _encode(self, quats: Array) -> tuple[list[Array], list[Array]]:
-        """Return the features (n, N, l) and softplus derivatives (n, N, H) of every level with n joints."""
+        """Return each level's features (n, N, l) and softplus derivatives (n, N, H) for n joints, H hidden units."""
         xp = array_namespace(quats)
         features, slopes = list[Array](), list[Array]()
         for level in LEVELS:

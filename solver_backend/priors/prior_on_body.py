@@ -16,10 +16,10 @@ UNCOVERED_SIGMA_RAD = 0.5  # Standard deviation from rest of joints without a pr
 
 
 def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingPrior:
-    """Extend a prior to all joints that a solve of this body rotates. Return it unchanged if it already has them.
+    """Extend a prior to all joints that a solve of this body rotates. A prior that has them is unchanged.
 
     Raises:
-        PriorInvalid: its arrays do not match its own joints or codes, or the body has none of its joints.
+        PriorInvalid: the prior's arrays do not match its joints or codes, or the body has none of its joints.
     """
     _check(prior, layout)
     return prior if prior.joints == layout.solved else PriorOnBody(prior, layout.solved)

@@ -31,7 +31,7 @@ class LandmarkLoss(Protocol):
         ...
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost of (F, L) squared distances over initial variances, at the loss's unknowns (F, n)."""
+        """Return the cost at the unknowns ``own`` (F, n). ``squared`` (F, L) is divided by the initial variances."""
         ...
 
 

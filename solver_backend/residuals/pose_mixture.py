@@ -83,7 +83,7 @@ class PoseMixtureTerm:
     """Term that draws poses to a Gaussian mixture of recorded poses.
 
     ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q``. x are the rotation vectors of the pose's J joints, and x_c
-    those of the n joints in the mixture.
+    are the rotation vectors of the n joints in the mixture.
     """
 
     mixture: PoseMixture = field(default_factory=load_pose_mixture)  # Peaks a, means μ, precisions P and columns c.
@@ -106,7 +106,8 @@ class PoseMixtureTerm:
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the cost at (F, J, 3, 3) rotations with its derivatives, and (F, K) factors for the Hessian.
 
-        ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)`` with posterior weights r_k, plus Q x. ``dx = J_l⁻¹ δ``, δ a left step.
+        ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)`` with posterior weights r_k. The rest pose adds ``Q x``. A left step δ
+        changes x by ``dx = J_l⁻¹ δ``.
         """
         xp = array_namespace(local)
         mixture, count = self.mixture, local.shape[0]

@@ -54,7 +54,7 @@ class PositionTerm(Rows):
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the leverage (1, F, L): 1 where used, as one measurement determines its point."""
+        """Return the leverage (1, F, L), which is 1 for a used landmark because it has only one measurement."""
         return array_namespace(points).astype(used, points.dtype)
 
     def rescaled(self, variance: Array) -> PositionTerm:
@@ -71,8 +71,8 @@ class PositionTerm(Rows):
 class RelativePositionTerm:
     """Term for measured positions that have an unknown common shift t in each frame.
 
-    ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``. The best shift is not penalised. It is
-    ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i``.
+    ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``. The shift itself has no penalty. It is set
+    to ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i``, the best shift without ``rho``.
     """
 
     positions: Array  # (F, L, 3) metres, finite everywhere.
@@ -93,7 +93,7 @@ class RelativePositionTerm:
         return RelativePositionTerm(astype(self.positions, precision), astype(self.precision, precision), self.share)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the cost and derivatives at positions (F, L, 3). ``without_shift`` corrects the information."""
+        """Return cost and derivatives at positions (F, L, 3). The Hessian is for a fixed shift (``without_shift``)."""
         xp = array_namespace(points)
         off = points - self.positions
         pulled = xp.matmul(self.precision, off[..., None])[..., 0]

@@ -22,7 +22,7 @@ class FrameTerm(Protocol):
 
 @dataclass(frozen=True)
 class PointEvidence:
-    """Cost of a term and its Gauss-Newton model around F x L landmark positions."""
+    """A term's cost in F frames, and a Gauss-Newton model of the cost around L landmark positions per frame."""
 
     cost: Array  # (F,) half the robust sum of squares.
     gradient: Array  # (F, L, 3) derivative of the cost w.r.t. each position, 1/m.
@@ -94,7 +94,7 @@ class DataTerm(PointTerm, Protocol):
 
 @dataclass(frozen=True)
 class PoseEvidence:
-    """Cost of a term and its quadratic model around F poses."""
+    """A term's cost at each of F poses, and a quadratic model of the cost around each pose."""
 
     cost: Array  # (F,).
     gradient: Array  # (F, 3 J) w.r.t. the joints' left tangents, 1/rad.

@@ -195,7 +195,8 @@ class LiveMoment:
 class MarkerChain:
     """Locates, fuses and tracks markers with one process per sensor. Use it as a context manager.
 
-    If it cannot keep up, it skips frames. If no sensor is live, all sensors wait, and every frame is used.
+    With a live sensor, the chain skips frames if it is too slow. Without live sensors, the sensors wait, and no frame
+    is skipped.
     """
 
     def __init__(
@@ -428,7 +429,7 @@ LARGEST_INTERLEAVE_S = 0.02  # Longest delay in seconds between the exposures of
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
-    """Return the clocks of sensors on one trigger. Sensor c exposes frame t at ``t + c · interleave``.
+    """Return the clocks of sensors on one trigger. Sensor c exposes ``c · interleave`` seconds after it.
 
     Raises:
         CommandLineInvalid: the interleave is negative or too long.

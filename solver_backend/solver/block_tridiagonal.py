@@ -31,7 +31,8 @@ class BlockTridiagonal:
     def solve(self, damping: Array) -> Array:
         """Return the (1, N·n) step that solves ``(H + damping diag(H)) step = -g``.
 
-        ``damping`` is (1,) for all blocks, or (1, N) or (1, N - 1) by block. The last of N - 1 values is repeated.
+        ``damping`` is (1,) for all blocks, or has one value per block: (1, N), or (1, N - 1) if the last two blocks
+        have the same value.
         """
         xp = array_namespace(self.g)
         damping = _by_block(damping if damping.ndim == 1 else damping[0], self.g)
@@ -136,9 +137,10 @@ class _Inner:
         return steps
 
     def marginals(self, diagonal: Array, upper: Array, some: slice) -> tuple[Array, Array]:
-        """Return the covariances within the blocks ``some``, and between them and the next block's outer unknowns.
+        """Return the covariances of the blocks ``some``, and of their inner with the next block's outer unknowns.
 
-        ``diagonal`` and ``upper`` are the covariances of the outer unknowns within a block and with the next block's.
+        ``diagonal`` are the covariances of each block's outer unknowns, and ``upper`` are their covariances with the
+        outer unknowns of the next block.
         """
         xp = array_namespace(diagonal)
         X, Y, across = self.own[some], self.further[some], upper[some]
@@ -171,7 +173,7 @@ class _Outer:
     upper: Array  # (N - 1, m, m).
 
     def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
-        """Eliminate the blocks from both ends. If ``carry`` is true, the right-hand sides are eliminated too."""
+        """Eliminate the blocks from both ends. With ``carry``, also transform the right-hand sides."""
         xp = array_namespace(self.diagonal)
         count, middle = self.diagonal.shape[0], self.diagonal.shape[0] // 2
         orders = range(middle), range(count - 1, middle, -1)

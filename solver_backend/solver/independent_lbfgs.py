@@ -16,7 +16,7 @@ Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray]  # Points, costs and gradi
 
 @dataclass(frozen=True)
 class QuasiNewtonSettings:
-    """Stopping rule and line search."""
+    """Stopping rule and line search constants of ``independent_lbfgs``."""
 
     max_iterations: int = 200
     tolerance: float = 1e-4  # Smallest decrease of a cost by a step, relative to the cost or to 1, whichever is larger.

@@ -81,7 +81,7 @@ class DenseBlocks:
 
 @dataclass(frozen=True)
 class Arrowhead:
-    """Normal equations of B blocks with m shared unknowns, which are solved first from their Schur complement."""
+    """Normal equations of B blocks with m shared unknowns. The step of the shared unknowns is computed first."""
 
     blocks: Array  # (B, n, n).
     coupling: Array  # (B, n, m).
@@ -127,7 +127,7 @@ MOST_DAMPING = 1e4  # Largest damping. If a step with it increases the cost, no 
 
 @dataclass(frozen=True)
 class LMSettings:
-    """Stopping rule and damping."""
+    """Stopping rule and damping constants of ``levenberg_marquardt``."""
 
     max_iterations: int = 20
     tolerance: float = 1e-4  # A problem is solved when an accepted step reduces its cost by less than this fraction.
@@ -205,10 +205,10 @@ def levenberg_marquardt(
 
 
 def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
-    """Return the next step's damping, smaller after a good step and larger after a bad one.
+    """Return the damping for the next step: smaller after an accepted step, larger after a rejected one.
 
-    In a problem of several parts, a rejected step increases it only for each part that became worse and for the part
-    after it.
+    In a problem of several parts, a rejected step increases the damping only for each part that became worse and for
+    the part after it. An accepted step does not decrease the damping of these parts.
     """
     xp = array_namespace(damping)
     if damping.ndim == 1 or damping.shape[1] == 1:

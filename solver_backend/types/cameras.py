@@ -145,7 +145,7 @@ class Cameras:
         return R @ self.path.R, self.path.t @ R.T + t
 
     def carried(self, R: Float[np.ndarray, "frames 3 3"], t: Float[np.ndarray, "frames 3"]) -> Cameras:
-        """Replace a single camera's world-to-camera rotations (F, 3, 3) and translations (F, 3)."""
+        """Return a single camera with new world-to-camera rotations (F, 3, 3) and translations (F, 3)."""
         return replace(self, R=R[:1], t=t[:1], path=CameraPath(R[0].T @ R, (t - t[0]) @ R[0]))
 
     def scaled(self, factor: float) -> Cameras:
@@ -154,7 +154,7 @@ class Cameras:
         return replace(self, t=self.t * factor, path=path)
 
     def at(self, frames: slice | np.ndarray) -> Cameras:
-        """Return the cameras in selected frames. A moving camera then starts with its pose in the first of these."""
+        """Return the cameras in selected frames. The first of these frames becomes the start of moving cameras."""
         if self.path is None or not len(part := self.path.at(frames)):
             return self
         R, t = self.R @ part.R[0], (self.R @ part.t[0]) + self.t

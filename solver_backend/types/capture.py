@@ -45,7 +45,7 @@ UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an undetected poi
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Stack several people's hands along a new axis, with NaN for missing hands. Return None if all are missing."""
+    """Stack several people's hands along a new axis. Hands that are None become NaN. Return None if all are None."""
     like = next((hand for hand in hands if hand is not None), None)
     if like is None:
         return None
@@ -283,7 +283,7 @@ class Capture:
 
         Raises:
             TooFewViews: the capture has no cameras or keypoints.
-            NoDetections: no keypoint is detected, or no two of several cameras detect one in the same frame.
+            NoDetections: no keypoint is detected, or several cameras detect keypoints, but never together.
         """
         cameras, keypoints = self._require_detections()
         return (cameras, keypoints) if self.is_one_view else self.require_multiview()
@@ -369,7 +369,7 @@ _FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
 
 
 def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> Bool[np.ndarray, "views frames"]:
-    """Return a (C, F) mask of views excluded by ``CAMERA`` or ``CAMERA:FIRST-LAST`` (from 0)."""
+    """Return a (C, F) mask of views to exclude, given as ``CAMERA`` or ``CAMERA:FIRST-LAST`` (frames from 0)."""
     out = np.zeros((len(names), frames), bool)
     for text in texts:
         found = _FORM.fullmatch(text)

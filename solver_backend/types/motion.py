@@ -106,7 +106,9 @@ class Motion:
         return len(self.global_orient)
 
     def beside_truth(self, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-        """Select the joints (F, J, 3) that the motion and truth share, and return their names.
+        """Return the N joints that the motion and the truth have in common.
+
+        The result contains the motion's positions (F, N, 3), the true positions (F, N, 3) and the names.
 
         Args:
             truth: (F, J, 3) joint positions in metres, in this layout or SMPL's. Other shapes give no joints.

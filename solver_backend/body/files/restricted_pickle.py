@@ -53,7 +53,7 @@ class UnbuiltArray:
 
 
 def finished(value: Any) -> Any:
-    """Replace an ``UnbuiltArray``, or every one in a dictionary, by its values."""
+    """Return the values of an ``UnbuiltArray``, or replace every ``UnbuiltArray`` in a dictionary by its values."""
     if isinstance(value, UnbuiltArray):
         if value.values is None:
             raise Damage("an array has no values")
@@ -240,7 +240,7 @@ class Machine:
         return self._stack[-1]
 
     def _fill(self, values: list[Any]) -> None:
-        """Fill the dictionary on top of the stack. Keys must be text, bytes or numbers, which hash fast."""
+        """Add keys and values to the dictionary on the stack. Keys must be text, bytes or numbers, which hash fast."""
         target = self._top(dict)
         for key, value in zip(values[::2], values[1::2], strict=True):
             if not isinstance(key, str | bytes | int | np.integer):
@@ -332,7 +332,7 @@ def _plain(value: Any) -> Any:
 
 
 def _chumpy(state: dict[str, Any]) -> np.ndarray:
-    """Return the array in a chumpy object: its ``x``, or the elements ``idxs`` of its ``a``."""
+    """Return a chumpy object's array: the attribute ``x``, or the elements of the attribute ``a`` at ``idxs``."""
     if "x" in state:
         return _member(state, "x")
     if "a" in state and "idxs" in state:

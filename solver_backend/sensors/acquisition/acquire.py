@@ -29,7 +29,7 @@ NORMAL_MAD = 1.4826  # Ratio between the standard deviation and the median absol
 
 @dataclass(frozen=True)
 class Ring:
-    """R pixels around all marker blobs, which provide the depth because the blobs saturate and have none."""
+    """R pixels in rings around the marker blobs. They provide depths, because the blobs' saturated pixels have none."""
 
     pixel: np.ndarray  # (R,) flat pixel indices.
     owner: np.ndarray  # (R,) index of the blob that each pixel belongs to.
@@ -89,9 +89,9 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
 def ring_depths(ring: Ring, count: int) -> RingDepths:
     """Compute the depth of each of ``count`` blobs as the mean of its ring without outliers.
 
-    Outliers are far from the median. If part of a ring is on another surface, such as an arm in front or the room
-    behind, outliers are far from the centre of the closest half of the depths instead. If part of the ring is behind
-    the mean, the mean is the depth of an occluder, and the blob gets no depth.
+    Outliers are depths far from the median. If part of a ring is on another surface, such as an arm in front or the
+    room behind, the centre of the shortest interval with half of the depths replaces the median. If part of the ring is
+    behind the mean, the mean is the depth of an occluder, and the blob gets no depth.
 
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
     deviation around the median".
@@ -206,7 +206,7 @@ class SensorLens:
 
 @lru_cache(maxsize=8)
 def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
-    """Return a lens's read-only lookup table (h + 2, w + 2, 2), which extends a pixel beyond the image."""
+    """Return a lens's read-only lookup table (h + 2, w + 2, 2). It includes one pixel beyond each edge of the image."""
     width, height = size
     u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
     lens = Lens(np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), size, model)
@@ -222,9 +222,9 @@ def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray
     """Split blobs that consist of several markers, together with their rings.
 
     A disc of radius R has a variance of ``R²/4`` along any axis. Two discs a distance s apart have ``R²/4 + s²/4``
-    along the line between them. A blob is split if its variance exceeds a disc's by the factor ``merged``: into as many
-    parts as its area allows, and into more until all parts are round. The parts are seeded with the pixels furthest
-    apart (Gonzalez 1985) and refined by k-means (Lloyd 1982).
+    along the line between them. A blob is split if its variance exceeds a disc's by the factor ``merged``. The number
+    of parts is at first the ratio of its area to a marker's area. It increases until all parts are round, up to a
+    limit. The parts are seeded with the pixels furthest apart (Gonzalez 1985) and refined by k-means (Lloyd 1982).
 
     Args:
         radius_px: (N,) radius of a single marker's blob, or NaN where its depth is unknown.

@@ -52,7 +52,7 @@ class Device(OpenedDevice, ABC):
         """Yield frames until the device ends. Frames are dropped if they arrive faster than they are read."""
 
     def starting(self, start: float) -> Self:
-        """Return a sensor that plays a recording with time 0 at the host time ``start``, or this one if it is live."""
+        """Return a sensor that plays its recording from the host time ``start``. A live sensor returns itself."""
         return self
 
 

@@ -89,7 +89,7 @@ class OakPipeline(OpenedDevice, ABC):
 
     @abstractmethod
     def _role(self) -> str:
-        """Return the camera's role on the synchronisation wire, from ``ROLES``. Other names mean no role."""
+        """Return the camera's role on the synchronisation wire, from ``ROLES``. Any other text means no role."""
 
     def open(self) -> None:
         """Connect and start. Raise SensorFailed, or SensorUnknown if the device lacks cameras or lights."""
@@ -195,7 +195,7 @@ def paired_frames(
 
 
 def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
-    """Return the centre of the exposure in seconds on the host's clock or on the PTP clock."""
+    """Return the centre of the exposure in seconds, on the PTP clock if ``by_ptp``, otherwise on the host's."""
     middle = dai.CameraExposureOffset.MIDDLE
     if not by_ptp:
         return float(picture.getTimestamp(middle).total_seconds())
@@ -292,7 +292,7 @@ class Oak(OakPipeline, Device):
 
 
 def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
-    """Return the factory calibration of the rectified left cameras, all at the origin.
+    """Return the rectified left cameras with their factory lenses. All poses are the origin, as they are unknown.
 
     Raises:
         SensorFailed, CalibrationMissing: a device is missing or not calibrated.
@@ -394,7 +394,7 @@ class OakColour(OakPipeline):
         return encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield images as they arrive, and None while there is none. Raise ``SensorFailed`` if the device is lost."""
+        """Yield images, and None while no image is available. Raise ``SensorFailed`` if the device is lost."""
         self._require_open()
         middle = depthai().CameraExposureOffset.MIDDLE
         while self._pipeline is not None and self._pipeline.isRunning():
@@ -408,7 +408,8 @@ class OakColour(OakPipeline):
 class ColourFile:
     """A fragmented MP4 file, which stays readable if the recording is interrupted.
 
-    Images keep their times relative to ``begin_s`` on the shared clock. ``fps`` is nominal.
+    The file stores the time of each image relative to ``begin_s`` on the shared clock. ``fps`` is only the nominal
+    rate.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: float, begin_s: float) -> None:

@@ -299,7 +299,7 @@ class ReplayedSensor(Device):
         return len(self.index())
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames, either when they are due or without waiting."""
+        """Yield the frames when they are due, or without waiting if the sensor has no start time."""
         rows = self.index()
         count = int(rows[-1, 0] - rows[0, 0]) + 1 if len(rows) else 0
         for at, lap, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
@@ -425,7 +425,7 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _zeros(indices: list[np.ndarray]) -> list[float]:
-    """Return each sensor's device time at the recording's start. The host's clock aligns different clocks."""
+    """Return each sensor's device time at the start. The host's times align devices with different clocks."""
     firsts = np.array([rows[0, 1:] if len(rows) else (np.nan, np.nan) for rows in indices])
     if not np.isfinite(firsts).any():
         return [0.0] * len(indices)

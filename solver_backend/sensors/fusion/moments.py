@@ -61,8 +61,8 @@ _NEVER = 1e6  # Cost of an impossible pair, which exceeds any sum of possible co
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Select as many candidate pairs (a, b) as possible with the smallest total cost. Each element is used once.
 
-    a and b are non-negative numbers of elements, and costs are far below 1e6. The candidates are divided into groups
-    without common elements. Groups of several pairs are solved by the Hungarian method (Kuhn 1955).
+    ``a`` and ``b`` are indices of elements, with one entry per pair. Costs are far below 1e6. The candidates are
+    divided into groups without common elements. Groups of several pairs are solved by the Hungarian method (Kuhn 1955).
     """
     if not len(a):
         return a, b
@@ -99,8 +99,8 @@ def met_rays(rays: list[Rays]) -> tuple[np.ndarray, np.ndarray]:
     """Return (N, 3) intersections of rays from exactly two sensors, and their covariances.
 
     A point is the midpoint of the shortest line between two rays (Hartley and Sturm 1997), provided that the errors of
-    the rays explain the length of that line. Neither ray may meet a third one, because at most one of several
-    intersections is real.
+    the rays explain the length of that line. Rays that meet more than one other ray give no point, because at most one
+    of the intersections is real.
     """
     begin = np.cumsum([0, *(len(direction) for _, direction, _ in rays)])
     found = [
@@ -209,7 +209,7 @@ class _Clusters:
         self.rays = np.concatenate([self.rays, np.zeros(int(own.sum()), int)])
 
     def join_rays(self, seen: SensorSightings, rows: np.ndarray) -> np.ndarray:
-        """Add a sensor's rays to the groups that they pass closely. Return a mask of the remaining rays."""
+        """Add each of a sensor's rays to a group that it passes closely. Return a mask of the remaining rays."""
         origin, direction, sigma = seen.origin, seen.direction[rows], seen.sigma_ray[rows]
         rest = np.ones(len(direction), dtype=bool)
         if not len(self.vector) or not len(direction):
@@ -293,7 +293,7 @@ class Finding:
 
 
 class Gatherer:
-    """Groups frames that sensors took at the same time, to within half of ``period_s``, into moments.
+    """Groups frames of different sensors that are less than half of ``period_s`` apart into moments.
 
     A moment waits for its last sensor for at most ``wait_s`` on the host's clock, or without limit if it is None.
     """

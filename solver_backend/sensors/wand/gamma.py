@@ -143,7 +143,7 @@ def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the robust mean (3, 3) of positions (F, 3, 3), and the covariances of the means."""
+    """Return the robust mean (3, 3) of three marker positions (F, 3, 3), and the means' covariances (3, 3, 3)."""
     mean = np.median(triples, axis=0)
     spread = np.maximum(1.4826 * np.median(np.linalg.norm(triples - mean, axis=-1), axis=0) / 1.54, 1e-5)
     weight = np.ones(triples.shape[:2])
@@ -229,7 +229,7 @@ def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarra
 
 
 def _of_pair(pair: Cameras, px: np.ndarray) -> list[np.ndarray]:
-    """Intersect each ray of one camera with each ray of another, given (2, F, 3, 2) pixels."""
+    """Intersect each ray of the first camera with each ray of the second, given (2, F, 3, 2) pixels."""
     flat = undistort(pair, px)
     i, j = (grid.ravel() for grid in np.meshgrid(range(3), range(3), indexing="ij"))
     both = np.stack([flat[0][:, i], flat[1][:, j]])

@@ -255,7 +255,7 @@ def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[Cal
 def _held_out_errors(
     task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
 ) -> tuple[float, np.ndarray]:
-    """Return the errors in held-out time ranges: in pixels, and of the (3,) wand lengths in metres."""
+    """Return the RMS errors in held-out time ranges: reprojection in pixels, and wand lengths (3,) in metres."""
     out = held_out(moments.px.shape[1])
     if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
         return float("nan"), np.full(3, np.nan)
@@ -287,8 +287,8 @@ def flat_of(view: WandView) -> np.ndarray:
 def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
     """Estimate the sensors' clocks to within about a frame by correlating the wand's speed.
 
-    The lights in each view are in the wand's order. ``wand`` provides distances if there is no depth. If the speeds
-    show no clear offset, the clocks are assumed equal, and a note is added.
+    The lights in each view are in the wand's order. Without depth, the lengths of ``wand`` give its distance from the
+    camera. If the speeds show no clear offset, the clocks are assumed equal, and the result contains a note.
     """
     names, signals = tuple(view.name for view in views), [_speed(view, wand) for view in views]
     lags = {"reach_s": reach_s, "piece_s": PIECE_S, "floor_s": FLOOR_S, "least": LEAST_CORRELATION}
@@ -350,7 +350,7 @@ def calibrate_by_wand(
 
     The clocks are either given, or estimated from the wand's speed and refined by the adjustment. The relative pose of
     two sensors comes from aligned points, or from an essential matrix and the wand's lengths. These poses are chained.
-    Finally, a sparse bundle adjustment refines everything.
+    Finally, a sparse bundle adjustment refines all poses.
 
     Raises:
         WandNotSeen: a sensor saw the wand in too few frames, or too rarely together with another one.

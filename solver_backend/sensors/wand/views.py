@@ -95,7 +95,7 @@ class Moments:
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Remove rows that go back in time. Raise ``TimesInvalid`` if there are many, or if the times span too long."""
+    """Remove rows that go back in time. Raise ``TimesInvalid`` if there are many, or if the recording is too long."""
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
     good = np.isfinite(times) & (times > before)
@@ -168,9 +168,10 @@ def distances(lights: Float[np.ndarray, "*batch 3 axes"]) -> Float[np.ndarray, "
 def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the (F, 3) indices of the wand's lights, and the (F,) mask of frames with certain lights.
 
-    The middle light is between the other two. The end of the shorter part is nearer to it, unless the wand points at
-    the camera and perspective reverses this. ``flat`` are undistorted normalised coordinates in any order with the
-    standard deviation ``sigma``. They are NaN if fewer than three lights are visible.
+    The middle light is between the other two. It is nearer to the end of the wand's shorter part, unless the wand
+    points at the camera and perspective reverses this. ``flat`` are undistorted normalised coordinates with the
+    standard deviation ``sigma``. The lights are in any order. The coordinates are NaN if fewer than three lights are
+    visible.
     """
     rows = np.arange(len(flat))
     known = np.isfinite(flat).all((-1, -2))
@@ -358,7 +359,7 @@ def sensor_views(
 
 
 def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> list[np.ndarray]:
-    """Return the (N, 3) points in metres of each sensor's frames with three or more markers."""
+    """Return the points (N, 3) in metres of each frame with three or more markers, for all sensors."""
     folder, masks = open_folder(path), {} if empty is None else masks_of(open_folder(empty))
     clouds = []
     for name in folder.cameras.names:
@@ -462,7 +463,7 @@ def wand_views(
 
     Raises:
         FileMissing: there is no recording.
-        CommandLineInvalid: the recording shows the other type of wand.
+        CommandLineInvalid: the wand has one marker although ``lights`` is true, or three lights although it is false.
     """
     if not folder.exists():
         raise FileMissing("There is no such folder.", where=str(folder))
