@@ -95,7 +95,7 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
 def _lines(
     live: LiveMoments, session: ViewsSession, recorder: Recorder[...] | None, args: argparse.Namespace
 ) -> Iterator[LiveLine]:
-    """Yield the output lines of live cameras until the time is up. Record each frame before its line."""
+    """Yield the output lines of live cameras until the time is up. Record each frame before yielding its line."""
     for moment in live.moments():
         for line in [moment] if isinstance(moment, dict) else run_recorded(session, moment, recorder):
             if "event" not in line:

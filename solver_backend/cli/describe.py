@@ -67,7 +67,7 @@ def _median(errors: np.ndarray | None) -> float | None:
 
 
 def describe_people(capture: Capture) -> list[PersonSummary]:
-    """Return in which frames and by how many cameras each person in a capture is visible."""
+    """Summarise the frames and the number of cameras in which each person in a capture is visible."""
     people: list[PersonSummary] = []
     for person in capture.people:
         frames = np.flatnonzero(person.agreed)

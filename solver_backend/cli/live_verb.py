@@ -87,7 +87,8 @@ class LiveOutput:
         """Send and write lines until the source ends or a signal arrives.
 
         Args:
-            hold: function that ignores further signals, so that the recordings are written completely.
+            hold: called after the last line. It makes this process ignore further signals, so that the recordings are
+                written completely.
         """
         try:
             for line in lines if self._sender is None else self._sender.watched(lines):

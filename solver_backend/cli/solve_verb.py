@@ -235,7 +235,7 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
 
 
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
-    """Solve jobs one by one, with all people if requested. A failure does not stop the others.
+    """Solve jobs one by one, with all people if requested. A failed job does not stop the other jobs.
 
     In the result, ``takes`` lists the results of ``solve``. ``failed`` lists the capture, the person and the error of
     each failed solve. If all jobs fail, the first error is raised.

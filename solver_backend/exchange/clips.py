@@ -294,7 +294,7 @@ def in_place(motion: MotionFile, path: np.ndarray | None = None) -> MotionFile:
     """Remove the travel from a motion, but keep sway and heading.
 
     Args:
-        motion: motion to change. Its contacts still mark when a foot supports the body.
+        motion: motion to change. Its foot contacts are kept, although the feet then slide.
         path: (F, 2) travel to remove in metres. The default is the smoothed path of the hips.
     """
     path = body_path(motion) if path is None else path

@@ -42,7 +42,7 @@ def require_safe(address: str) -> None:
 
 
 def require_certificates(address: str, known: object) -> None:
-    """Raise ``SchedulerUnsafe`` if a scheduler uses TLS, but ``known``, Dask's certificates, is empty."""
+    """Raise ``SchedulerUnsafe`` if a scheduler uses TLS, but Dask has no certificates (``known`` is empty)."""
     if address.startswith("tls://") and not known:
         what = f"The scheduler {address} uses TLS, but no certificates were specified."
         raise SchedulerUnsafe(what, where=address, hint="Specify the folder with its certificates: --tls FOLDER.")

@@ -248,7 +248,7 @@ def sentence(found: Diagnostic, fps: float = 0.0) -> str:
 
 
 def frames_text(runs: Sequence[tuple[int, int]], fps: float = 0.0) -> str:
-    """Return frame ranges as text. The longest ones are listed, and the rest are counted."""
+    """Return frame ranges as text. The longest ranges are listed, and the other ranges are counted."""
     longest = sorted(sorted(runs, key=lambda run: run[0] - run[1])[:LONGEST_LIST])
     lengths = [f" ({(b - a + 1) / fps:.2f} s)" if fps > 0 else "" for a, b in longest]
     texts = [f"frame {a}" if a == b else f"frames {a}-{b}{s}" for (a, b), s in zip(longest, lengths, strict=True)]

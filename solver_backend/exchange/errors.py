@@ -249,7 +249,10 @@ class SolverFailed(MocapError):
 
 
 def describe_exit_codes(bad_input: str, failed: str, more: str = "") -> str:
-    """Return the last part of a command line's help text, which explains exit codes 3 and 4."""
+    """Return the last part of a command line's help text: the exit codes and the output with ``--json``.
+
+    ``bad_input`` and ``failed`` explain the exit codes 3 and 4. ``more`` is additional text.
+    """
     return f"""\
 exit codes:
   0    there is a result

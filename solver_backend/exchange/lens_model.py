@@ -38,5 +38,5 @@ class LensModel:
     """Fits that a calibration tries, simplest first: name and indices of the fitted terms."""
 
     def listed(self, terms: np.ndarray) -> np.ndarray:
-        """Shorten the (8,) coefficients for a file, to the shortest possible list with all non-zero ones."""
+        """Shorten the (8,) coefficients for a file to the shortest permitted list with all non-zero coefficients."""
         return terms[: next((n for n in self.lengths if not np.any(terms[n:])), len(terms))]

@@ -22,7 +22,8 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
     (u·n)(v·n)``. Then the whole limb swings by the smallest rotation.
 
     Args:
-        reach: (F, 3) vectors from the start of the limb to its goal in metres. A limb approaches a goal out of reach.
+        reach: (F, 3) vectors from the start of the limb to its goal in metres. If a goal is out of reach, the limb ends
+            as close to it as possible.
         upper: (F, 3) vectors along the actor's upper bone with the length of the rig's bone.
         lower: (F, 3) vectors along the lower bone.
         axis: (F, 3) unit vectors along the hinge's anatomical axis, about which bend angles are positive.
@@ -104,7 +105,7 @@ def within_reach(
 
 
 def _on_circle(a: np.ndarray, r: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) points nearest to the origin on two spheres (centres a, b, radii r, q).
+    """Return the (F, 3) points nearest to the origin that are on two spheres (centres a, b, radii r, q).
 
     If the spheres do not touch, points in the gap between them are returned.
     """

@@ -44,7 +44,7 @@ _KINDS = {
 
 
 def other_kind(found: str, expected: str, where: str) -> FileDamaged:
-    """Return the error for a file in format ``found`` instead of ``expected``. "" means that it states none."""
+    """Return the error for a file that states the format ``found`` ("" if none) instead of ``expected``."""
     wanted = _KINDS[expected][0]
     if found in _KINDS:
         what, readers = _KINDS[found]

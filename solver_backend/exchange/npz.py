@@ -56,8 +56,9 @@ class Members:
         """Read an array.
 
         Raises:
-            NeedsPickle: its items are objects.
-            ValueError: it is encrypted or compressed by another method, or its header, size and bytes do not match.
+            NeedsPickle: the array's items are objects.
+            ValueError: the array is encrypted or compressed by another method, or its header, size and bytes do not
+                match.
         """
         entry = self._entries[name]
         if entry.flag_bits & 1:
@@ -143,7 +144,7 @@ def array_names(path: Path | str) -> frozenset[str]:
 
 
 def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, np.ndarray]:
-    """Read the arrays in an ``.npz`` for whose names ``wanted`` is True, except those that need pickle."""
+    """Read the arrays in an ``.npz`` that ``wanted`` accepts by name, except those that need pickle."""
     arrays: dict[str, np.ndarray] = {}
     with _opened(path) as members:
         for name in filter(wanted, members.names):

@@ -215,7 +215,7 @@ def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Ite
 
 @contextmanager
 def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = False) -> Iterator[dict[str, Path]]:
-    """Yield a temporary path for each name in a folder. See ``atomic_files``."""
+    """Yield a dict that maps each name to a temporary path in ``folder``. See ``atomic_files``."""
     existing = [name for name in names if os.path.lexists(folder / name)]
     if existing and not overwrite:
         what = f"{', '.join(existing)} already exist{'s' * (len(existing) == 1)}. Nothing was overwritten."

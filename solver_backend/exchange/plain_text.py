@@ -25,7 +25,7 @@ def _steers(character: str) -> bool:
 
 
 def pairs(text: str) -> dict[str, str]:
-    """Convert a text of keys and values in turn, such as "a 1 b 2", to a dictionary."""
+    """Convert alternating keys and values, such as "a 1 b 2", to a dictionary."""
     words = text.split()
     return dict(zip(words[::2], words[1::2], strict=True))
 

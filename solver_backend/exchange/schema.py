@@ -107,7 +107,7 @@ class Fields:
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
-        """Raise ``FileDamaged`` if the file states another format or a later version. It may state neither."""
+        """Raise ``FileDamaged`` if the file states another format or a later version. Both are optional in the file."""
         found = self.text("format", name)
         if found != name:
             raise other_kind(found, name, str(self.path))

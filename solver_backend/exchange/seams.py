@@ -305,7 +305,7 @@ def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tupl
 
 
 def _gap(motion: MotionFile, first: int, last: int) -> Seam:
-    """Return the seam between two frames of a motion, without velocities at the ends of the motion."""
+    """Return the seam between two frames of a motion. It has no velocities if a frame is at an end of the motion."""
     seam = measure_seam(motion, last, motion, first)
     return seam if first > 0 and last < motion.num_frames - 1 else seam.without_rates
 
@@ -380,7 +380,7 @@ def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
-    """Remove a cycle's travel: move frame i of N back by i / N of its rigid motion."""
+    """Remove a cycle's travel and rotation: move frame i of N back by i / N of the cycle's rigid motion."""
     share = np.arange(cycle.num_frames) / cycle.num_frames
     way = share[:, None] * (_arc(share * placement.angle) @ np.linalg.solve(_arc(placement.angle), placement.shift))
     back = matrix_from_rotvec(-(share * placement.angle)[:, None] * [0.0, 0.0, 1.0])

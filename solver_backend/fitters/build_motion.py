@@ -73,7 +73,7 @@ def _far(normalised: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PosedTake:
-    """Body of a whole take, posed as solved: landmarks, joints and residuals."""
+    """Solved body in all frames of a take: landmarks, joints, bones and residuals."""
 
     subject: Subject
     points: np.ndarray  # (F, L, 3) landmarks in metres, in the poses that explain the measurements.

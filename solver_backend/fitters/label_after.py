@@ -75,7 +75,10 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Return the reference column (F, N) of each point according to the network, or None if labelling fails."""
+    """Label points (F, N) with the network. Return each point's column in the reference take, or -1.
+
+    Return None if the network cannot label the points, or knows too few markers of the reference.
+    """
     try:
         network = network or load_network()
         column = _columns(reference, network)
@@ -141,7 +144,10 @@ def person_of_nameless(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> MarkerSubject:
-    """Add unlabelled markers that move with a bone to a person, using takes that the network labelled."""
+    """Find unlabelled markers that move with a bone, and add them to a person's record.
+
+    ``captures`` are takes of this person that the network labelled.
+    """
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person

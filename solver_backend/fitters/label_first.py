@@ -65,16 +65,16 @@ def _names(cloud: MarkerCloud) -> MarkerNames:
 
 
 def has_own_names(cloud: MarkerCloud) -> bool:
-    """Return whether most points have user-defined names. Each column is then one marker in all frames."""
+    """Return whether most columns have a user-defined name, so that each column is one marker in all frames."""
     labels = cloud.labels or ()
     return sum(not is_unnamed(label) for label in labels) > len(labels) / 2
 
 
 def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the names in a partly labelled take that labelling must not change.
+    """Return the names in a partly labelled take that the network must not change.
 
-    The keys are the column and the first frame of each continuous segment of a named marker. The values are its
-    location on the body.
+    A key is the column and the first frame of a continuous segment of a named marker. A value is the marker's location
+    on the body.
     """
     if cloud.labels is None:
         return {}
@@ -101,9 +101,10 @@ def labelled_capture(
     """Label a capture's points with the network, unless it has enough names.
 
     Args:
-        user_labels: labels assigned by the user, by column and frame. Each applies to the whole segment of its point.
+        user_labels: labels assigned by the user, by column and frame. Each label applies to the whole continuous
+            segment of the point.
         network: the labelling network, by default the built-in one.
-        always: label the capture even if it has names, which do not change (see ``named_points``).
+        always: also label a capture that has enough names. These names do not change (see ``named_points``).
 
     Raises:
         MarkersUnknown: the points have no names, and the network names too few of them.
@@ -165,9 +166,9 @@ def _doubt_of_person(take: LabelledTake) -> str:
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
-    """Check whether there are too many points for the network. Return None if the network can label them.
+    """Return None if the network can label the points, or the capture to solve if there are too many.
 
-    Otherwise, return the capture without the network's labels, if enough points have names.
+    With too many points, the capture is solved with its own names, if enough points have names.
 
     Raises:
         MarkersUnknown: there are too many points for the network, and too few names.

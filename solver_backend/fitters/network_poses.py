@@ -167,10 +167,10 @@ def _surer(
     prior: AutoencodingPrior,
     like: Array,
 ) -> Measurements:
-    """Combine one camera's depth with the result's depth, and start from the result's poses.
+    """Combine the depths of the lifted pose and of the network result for a single camera.
 
-    The result's poses are the initial values in frames that have them, if their depth is more precise than the lifted
-    pose's depth. ``trust`` (L,) are factors applied to the precision of the lifted points.
+    If the result's depth is more precise than the lifted pose's depth, the result's poses are also the initial poses in
+    the frames that it covers. ``trust`` (L,) are factors applied to the precision of the lifted points.
     """
     source, rough = measurements.source, measurements.rough
     assert isinstance(source, OneCamera)
@@ -374,10 +374,11 @@ def deviations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Estimate the deviations (L, 2) of a result's points across and along the line of sight in metres.
 
-    The first deviation is the distance of the points from their viewing rays. The second is their distance from
-    reference points ``other`` along the line of sight, minus the ``variance`` of the reference points. It is at least
-    the first deviation times the ratio of the jitter along and across the line of sight. Also return factors (L,) of at
-    most 1 for the precision of reference points whose errors are larger than ``variance``.
+    The first deviation is the distance of the points from their viewing rays. The second is their distance along the
+    line of sight from the reference points ``other``, corrected for the ``variance`` of these points. The second
+    deviation is at least the first one times the ratio of the jitter along and across the line of sight. Also return
+    factors (L,) for the precision of the reference points. A factor is below 1 if the errors of a reference point are
+    larger than its ``variance``.
     """
     weight = np.where(np.isfinite(points).all(-1), view.weight, 0.0)
     filled = np.nan_to_num(points)

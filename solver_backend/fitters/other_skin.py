@@ -32,9 +32,10 @@ def spread_vertices(body: Body) -> np.ndarray:
 
 
 def only_close(one: Motion, other: Motion) -> Motion | None:
-    """Return the other person's motion. Frames in which no joints of the two people are within ``CLOSE_M`` are unseen.
+    """Return the other person's motion, in which only frames where the two people are close count as seen.
 
-    Frames that do not show both people are also unseen. Return None if no frame is left.
+    People are close if joints of both are within ``CLOSE_M``. Frames that do not show both people are also unseen.
+    Return None if no frame is left.
     """
     if one.joints is None or other.joints is None or len(one.joints) != len(other.joints):
         return None

@@ -293,7 +293,7 @@ def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
 
 
 def make_origin(backend: str) -> Array:
-    """Return a small array of the backend, a template for new arrays. Raise ``BackendMissing``."""
+    """Return a one-element template array of a backend. Raise ``BackendMissing`` if torch or CUDA is missing."""
     if backend == "numpy":
         return np.zeros(1)
     try:

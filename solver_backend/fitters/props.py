@@ -212,7 +212,7 @@ def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _least_turned(axes: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations from the line ``axes[0]`` to its direction in each frame.
+    """Return the smallest rotations that align the line ``axes[0]`` with its direction ``R axes[0]`` in each frame.
 
     For a half turn, the rotation axis is ``axes[1]``.
     """
@@ -241,7 +241,8 @@ LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Smallest unrest relative t
 def unrest_of(start: PropStart, fps: float) -> np.ndarray:
     """Estimate the power densities (F - 1, 2) of a prop's angular and linear acceleration.
 
-    With white-noise acceleration of density q, displacements over two spans h differ by a variance of ``⅔ q h³``.
+    With white-noise acceleration of density q, the displacements over two consecutive spans h differ with a variance of
+    ``⅔ q h³``.
     """
     frames = len(start.t)
     lag = max(1, min(round(LAG_S * fps), (frames - 1) // 2))

@@ -99,8 +99,8 @@ def with_resting_spread(
 ) -> np.ndarray:
     """Return covariances (F, J, 6) that include the spread of resting parts: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
-    k is ``growth``, and D are the deviations in ``SPREAD_MM``. Then ``BESIDE_MM``, squared and multiplied by s, is
-    added to the variances of the joints that it names for each part.
+    k is ``growth``, and D are the deviations in ``SPREAD_MM``. Finally, ``BESIDE_MM`` lists other joints for each part.
+    Its squared values, multiplied by s, are added to the variances of these joints.
 
     Args:
         covariance: (F, J, 6) covariances C of the fit in m² (see ``packed``).
@@ -171,9 +171,10 @@ _WORDS = dict[str, str](map(str.split, _SHOWN.split(", ")))
 def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray) -> dict[str, float]:
     """Return the deviations in metres of joints that no landmark measures, by name.
 
-    A joint is measured if a landmark is near it, or if it is between measured joints: between any two if one of them is
-    in ``CORE``, otherwise along one limb. Two knees do not determine thighs. An arm without a trunk does not determine
-    its shoulder, because the acromion marker may be on either side of the joint.
+    A joint is measured if a landmark is near it, or if it is between measured joints of one limb. If a joint in
+    ``CORE`` is measured, joints between any two measured joints are also measured. Two knees do not determine thighs.
+    An arm without a trunk does not determine its shoulder, because the acromion marker may be on either side of the
+    joint.
     """
     names, ever = body.layout.joints, located.any(axis=0)
     if not ever.any():
@@ -233,7 +234,7 @@ def _between(near: Collection[int], parents: Sequence[int], *, across: bool) -> 
 
 
 def _folding(unmarked: Collection[int], body: Body) -> set[int]:
-    """Return the joints of chains without landmarks that contain a whole long bone.
+    """Return the joints of chains that have no landmarks but contain a whole long bone.
 
     Such a chain can fold, so its ends do not determine it: a head and heels show neither knees nor a pelvis.
     """

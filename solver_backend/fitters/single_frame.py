@@ -236,7 +236,7 @@ STRAYED = 6.0  # If a frame's cost relative to the median exceeds this, it is fi
 
 
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
-    """Estimate poses at about ``RATE_HZ``. Poses at ``ANCHORS_HZ`` are fitted first, and initialise the others."""
+    """Estimate poses at about ``RATE_HZ``. Poses at ``ANCHORS_HZ`` are fitted first and initialise the other poses."""
     seen = np.flatnonzero(problem.measurements.seen)
     frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
     chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))

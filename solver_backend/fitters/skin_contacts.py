@@ -60,7 +60,7 @@ class SkinContacts:
 
     @property
     def binds(self) -> bool:
-        """True if any point is solid or fixed."""
+        """True if any point is fixed or must stay outside a surface."""
         return bool(self.solid.any() or self.held.any())
 
     def terms(self, like: Array, firmness: float) -> SkinTerms:
@@ -91,7 +91,7 @@ class SkinContacts:
             yield diagnostic("foot_below_floor", size=-100 * float(self.lowest[afloat].min()))
 
     def beside(self, other: SkinContacts) -> SkinContacts:
-        """Append the skin points of other contacts. The lowest skin remains that of this object."""
+        """Append the skin points and the overlap of other contacts. The height of the lowest skin does not change."""
         points = ("solid", "held", "added", "anchors", "normals", "offsets")
         joined = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1) for name in points}
         count = len(self.landmarks) - len(self.parts)
@@ -302,7 +302,7 @@ def _of_foot(name: str) -> bool:
 def _low_vertices(
     subject: Subject, frames: PosedFrames, near: np.ndarray, fps: float, world: Obstacles, told: Sequence[UserContact]
 ) -> np.ndarray:
-    """Select skin vertices: those of the soles, near a surface, or lowest on a part with a contact that the user added.
+    """Select the skin vertices that are on the soles, near a surface, or lowest on a part with a user-added contact.
 
     The vertices are at least ``SPACING_M`` apart at rest. The lowest ones are selected first.
     """

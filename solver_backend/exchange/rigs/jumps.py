@@ -17,7 +17,7 @@ _LONGEST_S = 0.5  # Longest jump in seconds that is interpolated. A longer one m
 def bridge_jumps(
     joints: np.ndarray, turns: np.ndarray, pelvis: int, fps: float
 ) -> tuple[np.ndarray, np.ndarray, list[Diagnostic]]:
-    """Interpolate short runs of frames far from their neighbouring frames, and report jumps.
+    """Interpolate short runs of frames in which the figure jumps away, and report all jumps.
 
     Args:
         joints: (F, J, 3) joint positions in metres.

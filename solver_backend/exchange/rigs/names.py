@@ -226,7 +226,8 @@ def _by_names(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int
 def _by_places(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int]]:
     """Assign five bone chains of a hand to fingers by their positions. Return {} if this is ambiguous.
 
-    The thumb is the chain that points away from the other four. They are sorted by their distance from the thumb.
+    The thumb is the chain that points away from the other four. The other chains are the index to little finger, in
+    order of their distance from the thumb.
     """
     chains = [chain for chain in chains if len(chain) > 1]
     if len(chains) != len(FINGERS):

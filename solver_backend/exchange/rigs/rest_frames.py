@@ -65,7 +65,7 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
 def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the (...) angle between trunk and legs in degrees, or 0 if it is unknown.
 
-    It is close to 0 for upright figures.
+    The angle is close to 0 for upright figures.
 
     Args:
         places: maps roles to (..., 3) head positions, at rest or in any pose.
@@ -114,7 +114,8 @@ def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.nd
     ``A = M_own M_points^T``.
 
     Args:
-        points: (3, 3) positions of hip, knee, ankle or shoulder, elbow, wrist, with Z up and -Y forwards.
+        points: (3, 3) rest positions of hip, knee and ankle, or of shoulder, elbow and wrist, with Z up and -Y
+            forwards.
         own: (3, 3) the same positions for the other figure. Its limbs bend about their anatomical axes.
     """
     turns = []
@@ -160,7 +161,7 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _hinge(points: np.ndarray, direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return a limb's hinge axis at rest, from its bend, or from anatomy if it is straight."""
+    """Return a limb's hinge axis at rest: the axis of its bend, or the anatomical axis if the bend is unclear."""
     u, v = points[1] - points[0], points[2] - points[1]
     bend, expected = np.cross(u, v), anatomical_axis(direction, is_arm)
     size = np.linalg.norm(bend)

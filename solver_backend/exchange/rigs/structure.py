@@ -51,11 +51,11 @@ def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list
 
 
 def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
-    """Choose the wrist or ankle among the bones after a limb's middle joint that have its name.
+    """Choose the wrist or ankle among the bones below a limb's middle joint that have a matching name.
 
-    The first bone is chosen, because depth cameras track the middle of the palm as a second hand joint. If the next
-    bone is further away than a palm's length, it is chosen instead. For example, the wrist in Acclaim skeletons rotates
-    the lower forearm, and the hand bone starts at the anatomical wrist.
+    The first of these bones is preferred, because depth cameras track the middle of the palm as a second hand joint. If
+    the next of these bones is further away than a palm's length, it is chosen instead. For example, the wrist in
+    Acclaim skeletons rotates the lower forearm, and the hand bone starts at the anatomical wrist.
     """
     joint, *others = (k for k in range(middle + 1, len(path)) if bears[k])
     for k in others:
@@ -217,7 +217,10 @@ def _is_named(skeleton: Skeleton) -> bool:
 def _on_the_same_sides(
     skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]
 ) -> tuple[LimbFit, LimbFit]:
-    """Order the arms like the legs, for example left before right. Positions decide, or else clear names."""
+    """Order the arms like the legs, for example left before right.
+
+    The positions of the limbs determine the order. If the positions are ambiguous, clear names determine it.
+    """
     ways = [skeleton.heads[a.joints[0]] - skeleton.heads[b.joints[0]] for a, b in (legs, arms)]
     cosine = float(ways[0] @ ways[1]) / max(float(np.prod(np.linalg.norm(ways, axis=1))), 1e-12)
     votes = [_side_votes(skeleton, pair[0].path[0], pair[1].path[0]) for pair in (legs, arms)]
@@ -264,7 +267,10 @@ def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
 
 
 def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool, list[str]]:
-    """Return whether the first limb of each pair is the left one, and warnings. Toes decide, or else names."""
+    """Return whether the first limb of each pair is the left one, and warnings.
+
+    The direction of the toes determines the sides. If it is unclear, the bone names determine them.
+    """
     apart = skeleton.heads[limbs.legs[0].joints[0]] - skeleton.heads[limbs.legs[1].joints[0]]
     ahead = np.zeros(3)
     for fit in limbs.legs:
@@ -330,7 +336,7 @@ def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbF
 
 
 def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: list[_Limbs]) -> list[str]:
-    """Remove a limb's roles if an almost equally likely interpretation differs, and return messages."""
+    """Remove the roles of legs or arms if another interpretation is almost as likely. Return messages."""
     doubts = []
     for limb, parts in (("legs", _LEG), ("arms", (*_ARM, *FINGERS))):
         own = getattr(best, limb)

@@ -175,7 +175,10 @@ def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> H
 def worn_hand(
     measured: HandClouds, side: int, skeleton: HandSkeleton, path: WristPath, fps: float, settings: SolveSettings
 ) -> tuple[HandProblem, tuple[Diagnostic, ...]]:
-    """Calibrate one hand (0 left, 1 right) from its markers. Return the problem of solving it, and diagnostics."""
+    """Calibrate the hand of one side (0 left, 1 right) from its markers.
+
+    Return a problem that is ready to be solved, and diagnostics about markers that move with no segment of the hand.
+    """
     markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
     hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
     if side not in measured.extra:
@@ -192,7 +195,10 @@ def worn_hand(
 
 
 def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Float[np.ndarray, " 16"]:
-    """Return distances (16,) in metres from segment offsets to their bones (the palm: to the nearest metacarpal)."""
+    """Return the distances (16,) in metres of a marker from the bones of the hand's segments.
+
+    ``offset`` are the marker's positions relative to each segment. For the palm, the nearest metacarpal is used.
+    """
     on_palm = min(_from_line(offset[0], root) for root in problem.skeleton.roots)
     ends = problem.skeleton.bones.reshape(15, 3)
     return np.array([on_palm, *(_from_line(place, end) for place, end in zip(offset[1:], ends, strict=True))])

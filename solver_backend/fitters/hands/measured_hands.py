@@ -35,14 +35,14 @@ _LOOSE = 3.0  # Robust scale for offsets if none is given.
 
 @dataclass(frozen=True)
 class HandViewTerm:
-    """Reprojection term of a hand that each view may shift as a whole by an offset o.
+    """Reprojection term of a hand. In each view, an offset o may shift all points together.
 
     ``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``. π projects point y_l into view c. k_l is
     the detected keypoint, c_l its confidence and σ_l its noise. c is the largest confidence in the view.
 
-    A misplaced detector crop moves all 21 hand points equally, so together they locate the hand no better than one
-    point. Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view, where P is the
-    derivative of the projection, and w and w_o are the robust weights of point and offset.
+    A misplaced detector crop moves all 21 hand points equally, so in this case 21 points locate the hand no better than
+    one point. After o is eliminated, the Hessian of a view is ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)``.
+    P is the derivative of the projection. w and w_o are the robust weights of points and offset.
     """
 
     points: ReprojectionTerm  # Each point has its own noise.
@@ -136,7 +136,7 @@ class HandNoise:
 
 @dataclass(frozen=True)
 class LocatedHand:
-    """Hand triangulated from the views, without a prior."""
+    """Hand points triangulated from the views, without a pose prior."""
 
     points: Float[np.ndarray, "frames 21 3"]  # (F, 21, 3) metres, NaN where no two views agree or no view shows it.
     spread_m2: Float[np.ndarray, "frames 21"]  # (F, 21) trace of each point's covariance relative to its hand.
@@ -144,7 +144,10 @@ class LocatedHand:
 
 
 def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
-    """Triangulate the hands in every second frame that two views show, and estimate the detection noise."""
+    """Triangulate the hands, and estimate the noise of their detections.
+
+    Only every second frame in which two views show a hand is triangulated. Return the hands by side (0 left, 1 right).
+    """
     both = views.xy.shape[2] * NUM_HAND_POINTS
     xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
     confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)
@@ -206,10 +209,10 @@ ALONE = 0.04  # Weight of a hand visible in only one view, which cannot tell a p
 
 
 def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
-    """Build the data term of one hand (0 left, 1 right) with wrist positions (F, 3) in metres.
+    """Build the reprojection term of one hand (0 left, 1 right), given its wrist positions (F, 3) in metres.
 
-    The noise variance in px² is ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²``, for detector noise σ_l, a palm of
-    ``s = f 0.09 m / z`` px at depth z, focal length f, and model error m.
+    The noise variance in px² is ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²``. σ_l is the detector noise, f the focal
+    length, z the depth of the wrist, m the model error in metres, and ``s = 0.09 f / z`` the palm's size in px.
     """
     px_per_m = pixels_per_metre(views, wrists)[..., None]
     small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
@@ -250,9 +253,10 @@ class SortedHands:
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
     """Assign hand detections to the nearest wrists, and exclude hands that are far from both wrists.
 
-    The detections of a view are swapped if this reduces their distances from the wrists. A single hand changes its side
-    in the same way. Hands that touch are ambiguous. They are swapped like the frames before and after if these agree.
-    ``wrists`` and ``elbows`` are (F, 2, 3) positions on the solved body in metres, left first.
+    The two hands in a view are swapped if this clearly reduces their distances from the wrists. If a view shows only
+    one hand, its side is corrected in the same way. Where the hands touch, the distances are ambiguous. Such frames are
+    swapped if they are between swapped frames. ``wrists`` and ``elbows`` are (F, 2, 3) positions on the solved body in
+    metres, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))
     forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
@@ -326,8 +330,8 @@ def hand_size(
     ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴``. L_b is the skeleton's length of bone b, and d_bf the
     triangulated bone in frame f. Every squared length has the same weight. Noise of variance v_bf makes a bone look
     longer: a 25 mm finger bone by a quarter if its ends have errors of 10 mm. The standard deviation of s combines the
-    disagreement between bones with an error of the subtracted variance. ``spread`` (F, 21) in m² is the trace of each
-    point's covariance relative to its hand.
+    disagreement between bones with an assumed error of v_bf. ``spread`` (F, 21) in m² is the trace of each point's
+    covariance relative to its hand.
     """
     one, other = _MEASURED.T
     square, rest = (((p[..., one, :] - p[..., other, :]) ** 2).sum(-1) for p in (points, skeleton.points_at_rest))
@@ -439,9 +443,10 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands in a single view by side (0 left, 1 right), with unknown points (NaN).
+    """Return the hands that a single camera shows, by side (0 left, 1 right).
 
-    The noise is proportional to the palm's size in pixels at the wrists (F, 2, 3) in metres, left first.
+    One view cannot triangulate points, so all points are NaN. The noise is proportional to the palm's size in pixels at
+    the wrists. ``wrists`` (F, 2, 3) are in metres, left first.
     """
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():

@@ -52,7 +52,7 @@ def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.n
 
 
 def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows]:
-    """Return the covariances of the states in all frames of N windows, and these frames.
+    """Return the covariances of the hand's state in all frames of N windows, and the frame numbers.
 
     The covariances are (N m, D, D) for m frames per window. Each is ``Σ_ab w_a w_b S_ab`` over the three keyframes a
     and b of its window, where S are blocks of the inverse matrix (see ``marginals``) and w are weights of the parabola.
@@ -82,10 +82,10 @@ def contact_equations(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Penalise intersecting fingers by ``½ Σ max(depth - δ, 0)² / σ²``.
 
-    Return costs (n,), gradients and Gauss-Newton matrices. δ is ``GIVES_WAY_M``, and σ is ``SIGMA_M``. The derivatives
-    treat the nearest points of two bones as fixed on the bones, because sliding changes their distance only to second
-    order. ``points`` (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian`` (n, 21, 3, D) their derivative w.r.t.
-    the state.
+    Return costs (n,), gradients and Gauss-Newton matrices. depth is the overlap of two finger bones in metres. δ is
+    ``GIVES_WAY_M``, and σ is ``SIGMA_M``. The derivatives treat the nearest points of two bones as fixed on the bones,
+    because sliding changes their distance only to second order. ``points`` (n, 21, 3) are ``HAND_POINTS`` in metres,
+    and ``jacobian`` (n, 21, 3, D) their derivative w.r.t. the state.
     """
     count, dof = len(points), jacobian.shape[-1]
     cost, gradient, hessian = np.zeros(count), np.zeros((count, dof)), np.zeros((count, dof, dof))
@@ -116,7 +116,7 @@ ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
 
 @dataclass(frozen=True)
 class WristPath:
-    """Wrist of a solved body over F frames, which a hand solve starts from."""
+    """Wrist poses of a solved body in F frames. A hand solve starts from them."""
 
     rotations: Float[np.ndarray, "frames 3 3"]  # (F, 3, 3) from the hand's axes at rest to the world.
     places: Float[np.ndarray, "frames 3"]  # (F, 3) metres.
@@ -184,7 +184,7 @@ class HandProblem:
         return self._placed(states, np.arange(self.num_frames))[1]
 
     def at(self, sites: HandSites) -> HandProblem:
-        """Return the problem for other points on the hand. Its data term still belongs to the old points."""
+        """Return the problem for other points on the hand. Its data term still refers to the previous points."""
         return replace(self, sites=sites)
 
     def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -286,7 +286,7 @@ def solve_keys(
 
 
 def frame_states(model: KeyModel, keys: np.ndarray) -> Float[np.ndarray, "frames d"]:
-    """Return the states (F, D) in all frames, on a spline with continuous acceleration."""
+    """Return the states (F, D) in all frames, interpolated by a spline with continuous acceleration."""
     return spline_states(keys, model.layout)
 
 
@@ -306,7 +306,7 @@ FARTHEST_M = 0.08  # Largest distance in metres between the initial wrist and th
 def initial_keys(
     skeleton: HandSkeleton, wrist: WristPath, points: np.ndarray, layout: KeyframeLayout, prior: HandPrior
 ) -> Float[np.ndarray, "keys d"]:
-    """Estimate initial keyframes (K, D) from triangulated points, or from the relaxed hand where none are known."""
+    """Estimate initial keyframes (K, D) from triangulated points, or from the relaxed hand where points are missing."""
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)

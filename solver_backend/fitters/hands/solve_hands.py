@@ -101,7 +101,11 @@ def _widened(
     frames: np.ndarray | slice = slice(None),
     **parts: Any,
 ) -> Motion:
-    """Return the motion on ``body``. Its joint rotations ``turns`` include fingers from joint ``first`` on."""
+    """Return the motion with the joint rotations ``turns`` (F, J - 1, 3) of ``body``.
+
+    The joints from ``first`` on are fingers. ``frames`` with ``resting`` fingers are flagged. ``parts`` are other new
+    fields of the motion.
+    """
     posed = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
     if motion.flags is not None and resting is not None:
         flags = motion.flags.astype(np.uint8)
@@ -114,7 +118,7 @@ def _widened(
 def without_fingers(motion: Motion) -> Motion:
     """Remove the fingers from a motion. Return the same motion if it has none.
 
-    The knuckles of the middle fingers become SMPL's hand joints, without their rotation.
+    The knuckles of the middle fingers become SMPL's hand joints, with zero rotation.
     """
     layout = motion.body_layout
     if layout.joints == SMPL.joints or not set(SMPL_HANDS.joints) <= set(layout.joints):
@@ -208,7 +212,7 @@ def with_finger_turns(
 
     Args:
         turns: (F, 30, 3) axis-angle rotations of the finger joints in SMPL-H's order, from the body's rest pose.
-        resting: (F, 30) bool, joints without information. None if there are none.
+        resting: (F, 30) bool, true for finger joints without information. None if all have information.
 
     Raises:
         BodyInvalid: the body has no fingers, see ``with_fingers``.
@@ -466,7 +470,7 @@ def solve_hand_range(
 
     Args:
         measured: the hand over the whole take, on the body's current wrist.
-        still: (F, A) finger angles in radians: those of the pins in pinned frames, otherwise of the earlier solve.
+        still: (F, A) finger angles in radians. Pinned frames have the pins' angles, other frames the earlier solve's.
     """
     problem = measured.problem
     layout, moving = range_layout(frame_range, problem.num_frames, hand_window(problem.fps))
@@ -486,7 +490,10 @@ def solve_hand_range(
 
 
 def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
-    """Move a hand to the states (n, D) in the frames ``stays``. Corrections between them are interpolated."""
+    """Correct a hand so that it has the given ``states`` (n, D) in the frames ``stays``.
+
+    Between these frames, the correction is interpolated linearly.
+    """
     found, at = hand.states, stays.astype(int)
     if len(at):
         left, every = states[at] - found[at], np.arange(len(found))

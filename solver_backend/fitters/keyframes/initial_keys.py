@@ -78,10 +78,10 @@ def dense_layout(
 ) -> KeyframeLayout:
     """Shorten windows for fast motion: ``w max(0.6, min(1, √(5.2 / a)))`` frames for acceleration a.
 
-    ``layout`` and ``keys`` are a first solution with windows of w (``window``) frames. a is its landmarks' acceleration
-    in m/s², which detector noise barely affects. If the motion is slow, ``layout`` is returned unchanged. For fast
-    limbs, the error of a parabola through three keyframes exceeds the detector's error. For slow limbs, closer
-    keyframes would fit the noise.
+    ``layout`` and ``keys`` are a first solution with windows of w (``window``) frames. a is the mean acceleration of
+    the body's landmarks in this solution, in m/s². Detector noise barely affects it. If the motion is slow, ``layout``
+    is returned unchanged. For fast limbs, the error of a parabola through three keyframes exceeds the detector's error.
+    For slow limbs, closer keyframes would fit the noise.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points = to_numpy(points_of(model.subject, frames))
@@ -147,9 +147,10 @@ def lost_landmarks(
 
 
 def roughness(points: np.ndarray) -> np.ndarray:
-    """Return how far points (F, L, 3) jump between frames in metres: the largest value in a frame and its neighbours.
+    """Return how far points (F, L, 3) deviate in metres from the midpoint of their neighbours in time.
 
-    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|``, or 0 where unknown.
+    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|``, or 0 where unknown. The maximum is over a frame and
+    the frames before and after it.
     """
     apart = np.zeros(points.shape[:2])
     middle = points[1:-1] - 0.5 * (points[:-2] + points[2:])
@@ -176,9 +177,9 @@ def resolve_lost_limbs(
 ) -> Keyframes:
     """Solve lost limbs again, and keep the result where it reduces the cost.
 
-    Points that are wrong in several frames look like a lost limb, and only the cost distinguishes the two. Ranges of
-    more than ``CHUNK_WINDOWS`` windows are not solved again. ``points`` are (F, L, 3) landmarks on the body, and
-    ``frames`` their frame numbers (default: all frames).
+    Measured points that are wrong in several frames also look like a lost limb. Only the cost distinguishes the two
+    cases. Ranges of more than ``CHUNK_WINDOWS`` windows are not solved again. ``points`` are (F, L, 3) landmarks on the
+    body, and ``frames`` their frame numbers (default: all frames).
     """
     lost = _lost_windows(measurements, layout, points, frames)
     for windows in ranges_around(lost):
@@ -207,7 +208,10 @@ def keys_of(windows: slice) -> slice:
 
 
 def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
-    """Cut a window range out of a take as a separate problem. Its ends inside the take are fixed."""
+    """Cut a range of windows out of a take, as a separate problem.
+
+    An end of the range is fixed unless it is an end of the take.
+    """
     fixed_ends = windows.start > 0, windows.stop < layout.num_windows
     return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
 
@@ -241,7 +245,7 @@ def resolve_outlier_markers(
 ) -> Keyframes:
     """Solve windows with outlier markers again while this reduces the number of outliers.
 
-    Each round starts from the solution of the previous round, and solves only windows that it improved.
+    Each round starts from the solution of the previous round, and solves only windows that the previous round improved.
     ``measurements`` must be markers on a calibrated person. References: Blake and Zisserman 1987 (graduated
     non-convexity), Black and Rangarajan 1996.
     """

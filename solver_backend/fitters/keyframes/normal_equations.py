@@ -209,7 +209,11 @@ class BundleModel:
         return KeyframeCurve.through(_by_windows(keys, rows), rows.time, residuals=residuals, screw=self.screw)
 
     def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
-        """Decode the rotations (W·n, J, 3, 3) of n frames in each of W windows once. Return None if codes are free."""
+        """Decode the poses in all frames of W windows once, if the solve does not change the codes.
+
+        Return the rotations (W·n, J, 3, 3) for n frames per window, in blocks of windows. Return None if the solve
+        changes the codes.
+        """
         if CODE in self.free:
             return None
 
@@ -300,9 +304,10 @@ def data_equations(
     window's keyframes (eqs. 6.9, 6.10), and ``E_f`` is the data term of one frame (eq. 6.8).
 
     The gradient is exact. If keyframes stay on the prior's manifold, the Gauss-Newton matrix is also exact. With
-    residual rotations it is approximated by ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``: Lagrange weights w interpolate the
-    derivatives P of the keyframes' poses. Keyframes are close to each other and nearly solved, so the error is small.
-    This needs the network's derivative only at the keyframes.
+    residual rotations, it is approximated by ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``. P_a is the derivative of the pose
+    at keyframe a, and w_a is the Lagrange weight of this keyframe in frame f. The error is small, because neighbouring
+    keyframes are close to each other and to the solution. The approximation needs the derivative of the pose decoder
+    only at the keyframes.
 
     Args:
         rows: the frames of N windows.
@@ -439,7 +444,7 @@ class MotionPrior:
 
     @classmethod
     def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
-        """Create the prior with every standard deviation divided by ``smoothing``."""
+        """Create the prior for keyframes ``spacing_s`` apart, with standard deviations divided by ``smoothing``."""
         sigmas = (sigma / smoothing for sigma in (cls.accel_sigma, cls.angular_sigma, cls.latent_sigma))
         return cls(spacing_s, *sigmas, unseen=unseen)
 

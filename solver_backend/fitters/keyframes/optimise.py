@@ -56,7 +56,7 @@ class KeySolution:
 
 
 def _joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
-    """Join the solutions of several parts. A window that belongs to two parts counts twice in the cost."""
+    """Join the solutions of several window ranges. The cost of a window in two ranges counts twice."""
     return KeySolution(keys, sum(part.cost for part in parts), Convergence.joined(part.convergence for part in parts))
 
 
@@ -65,7 +65,7 @@ def solve_sliding(
 ) -> KeySolution:
     """Solve one window after another with its first keyframe fixed (thesis 6.3.2, eqs. 6.6-6.8).
 
-    Only the first of the n N + 1 initial keyframes is trusted. The others are guesses.
+    The first of the n N + 1 initial keyframes does not change. The other initial keyframes may be rough guesses.
     """
     keys, found = start, []
     fixed = np.arange(layout.free + 1) == 0
@@ -139,12 +139,15 @@ class Chunk:
 
     @property
     def beyond(self) -> tuple[bool, bool]:
-        """Whether windows before the kept ones, and windows after them, are also solved."""
+        """Whether windows before the kept windows are also solved, and whether windows after them are."""
         return self.solved.start < self.kept.start, self.solved.stop > self.kept.stop
 
 
 def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list[Chunk]:
-    """Divide N windows into chunks of about ``windows``, which are solved with windows before and after them."""
+    """Divide N windows into chunks of about ``windows`` windows.
+
+    Each chunk is solved together with ``before`` windows before it and ``overlap`` windows after it.
+    """
     count = max(1, round(num_windows / windows))
     bounds = np.round(np.linspace(0, num_windows, count + 1)).astype(int).tolist()
     return [
@@ -155,7 +158,7 @@ def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list
 
 @dataclass(frozen=True)
 class Stretch:
-    """Range of windows as an independent problem, which any process can solve."""
+    """Range of windows as an independent problem, which another process can solve."""
 
     model: BundleModel  # Contains the measurements of its frames, or of all frames.
     layout: KeyframeLayout  # Its windows, by the model's frame numbers.
@@ -212,9 +215,9 @@ def solve_long(
     """Solve a long take in chunks of ``windows`` windows, in two rounds.
 
     The first round solves every second chunk, with ``overlap`` additional windows on both sides. The second round
-    solves the other chunks between fixed keyframes of their neighbours, so that curves and second differences join
-    exactly. Chunks of the same round are independent. The result does not depend on processes or order (red-black
-    Gauss-Seidel, Young 1971).
+    solves the other chunks. Their ends are fixed at the keyframes of the neighbouring chunks, so that curves and second
+    differences match exactly. Chunks of the same round are independent. The result does not depend on the number of
+    processes or their order (red-black Gauss-Seidel, Young 1971).
     """
     keys, found = hemisphere_aligned(start), []
     for first, beyond in ((0, overlap), (1, 1)):

@@ -326,7 +326,7 @@ def held_at_limit(
 def record_of(
     subject: Subject, labels: tuple[str, ...], sigma_m: np.ndarray, provenance: dict[str, Any]
 ) -> MarkerSubject:
-    """Return the storable record of a person, whose landmarks are the labelled markers."""
+    """Return a calibrated person as a record that can be stored. The subject's landmarks are the markers."""
     places, offsets = subject.landmarks.names, to_numpy(subject.offsets)
     skin = MARKER_OFFSET_M + (skin_normals(subject.body, places) * offsets).sum(-1)
     skin[[place.startswith(ON_BONE) or is_joint_centre(place) for place in places]] = np.nan

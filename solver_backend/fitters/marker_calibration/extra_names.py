@@ -161,7 +161,7 @@ def named_extras(
 def with_extras(
     person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, progress: Progress = silent
 ) -> MarkerSubject:
-    """Add markers to a person: unlabelled points of the takes that move with a bone.
+    """Find unlabelled points in the takes that move with a bone, and add them to a person as markers.
 
     A new marker is named after its bone and a number (``LTHI_X1``). A marker from an earlier take keeps its name. The
     person must have been calibrated on this body with the markers named in these takes.
@@ -265,8 +265,8 @@ def _with_new(person: MarkerSubject, take: _Take, chains: np.ndarray, fps: float
 def _attached(points: np.ndarray, bones: BonePoses) -> Attachment | None:
     """Attach points (K, 3) of one marker to a bone. Return None if no bone fits, or too few frames show the marker.
 
-    Unlike ``attach``, this allows for rotation errors: the bone with the smallest ``s + TURN |o|`` is chosen, for the
-    median distance s and the offset o.
+    Unlike ``attach``, this allows for rotation errors: the bone with the smallest ``s + TURN |o|`` is chosen. o is the
+    marker's offset from the bone, and s is the median distance from this offset.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES:
         return None

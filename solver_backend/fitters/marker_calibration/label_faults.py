@@ -93,7 +93,10 @@ def clean_labels(
 
 
 def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Estimate the error of the fitted body near each marker, (F, M, 3) in metres, 0 if unknown."""
+    """Estimate the error (F, M, 3) in metres of the fitted body near each marker, 0 where unknown.
+
+    It is the median of the errors ``off`` (F, M, 3) of the neighbours ``around`` (M, n) of the marker.
+    """
     ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3). Missing values come last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)
     middle = [np.take_along_axis(ordered, place, 2) for place in ((count - 1) // 2, count // 2)]
@@ -189,8 +192,8 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
 
     Let l point from right to left, u from feet to waist and f from heels to toes. Then ``(l × u) · f > 0``. For
     strongly bent knees and for joint centres without toes, f points from the line between hip and ankle to the forward
-    knee. For other joint centres, it points from neck or ears to the nose. A single limb is compared with waist or
-    shoulders, and a single leg with its ankle.
+    knee. For other joint centres, it points from neck or ears to the nose. In addition, each limb is compared with the
+    middle of the waist or shoulders, and each foot with its outer ankle marker.
 
     Raises:
         MarkersMirrored: a condition does not hold in most frames.
@@ -303,7 +306,10 @@ def _knee_forward(
 
 
 def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the sines (n, F) of bent knees' and noses' directions, positive forwards, or None if neither is known."""
+    """Return the sines (n, F) of the directions of bent knees and of the nose, positive forwards.
+
+    Return None if markers for both are missing.
+    """
     found = []
     hips, shoulders = _lateral(points, column, ("FWT",), 1), _lateral(points, column, ("SHO",), 1)
     if hips is not None:

@@ -64,7 +64,7 @@ def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
 
 
 def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
-    """Return a warning for each pair of labels that was swapped. Solving the take also reports the frames."""
+    """Return a warning for each pair of labels that the calibration swapped. A solve also reports the frames."""
     pairs = person.provenance.get(EXCHANGED, ())
     return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
 
@@ -184,7 +184,7 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
 
 
 def _parted(distance: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of the markers beyond the longest edge of their minimum spanning tree."""
+    """Return an (M,) mask of the markers on one side of the longest edge of the minimum spanning tree."""
     count = len(distance)
     parent, away = np.zeros(count, dtype=int), distance[0].copy()
     inside = np.arange(count) == 0

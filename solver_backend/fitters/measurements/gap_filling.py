@@ -23,7 +23,7 @@ or a factor of 2 increase the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %,
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
-    """Sort the points in ``pool`` by how constant their distance is from each marker. Return indices (M, N).
+    """For each marker, sort the points in ``pool`` by how constant their distance from it is. Return indices (M, N).
 
     If all variances are small, as for a person who stands still, near points come first. Missing points are NaN. Points
     that are visible together with the marker in fewer than two sampled frames come last.
@@ -45,10 +45,10 @@ def among(
 
     The prediction uses axes that move with the neighbours (Kabsch 1976). In these axes, v are the neighbours'
     positions, and ``u = W v`` is the marker's position, found by ridge regression. Its errors at the gap's ends are
-    interpolated to correct the prediction inside the gap. With ``h = vᵀ (VᵀV)⁻¹ v``, where V are the training frames,
-    the squared error is the training error times ``1 + R h + (h / h_max)²``. Errors of W grow linearly with the
-    distance of v from the training frames, and errors from nonlinear movement quadratically. h_max is the largest h of
-    a training frame.
+    interpolated to correct the prediction inside the gap. V are the neighbours' positions in the n' frames that show
+    the marker, the training frames. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is the training error times
+    ``1 + n' h + (h / h_max)²``. Errors of W grow linearly with the distance of v from the training frames, and errors
+    from nonlinear movement quadratically. h_max is the largest h of a training frame.
 
     Args:
         points: (R, 3) positions of the marker in metres, only used where ``known`` (R,).
@@ -88,7 +88,10 @@ def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray
 
 
 def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasting: float) -> np.ndarray:
-    """Interpolate the errors at a gap's ends to its frames (n, 3), as the mean of a random process with these ends."""
+    """Return the expected errors (n, 3) in the frames of a gap, given the errors at its ends.
+
+    The errors are assumed to be an Ornstein-Uhlenbeck process with a correlation time of ``lasting`` frames.
+    """
     since = np.abs(frames - ends[:, None])
     share = joining_shares(since, ends[1] - ends[0] - 1, lasting) if len(ends) == 2 else np.exp(-since / lasting)
     return share.T @ errors
@@ -107,12 +110,13 @@ def filled(
 
     The first prediction is the marker y on the body, corrected at both ends a and b of the gap:
     ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)``. The errors
-    ``d = B⁻¹ (x - y)`` at the ends are in the axes B of the marker's bones. This is the mean of an Ornstein-Uhlenbeck
-    process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. τ is estimated from the take.
+    ``d = B⁻¹ (x - y)`` at the ends are in the axes B of the marker's bones. The factor of B(t) is the mean of an
+    Ornstein-Uhlenbeck process. For a gap with only one end, it is ``d_a e^{-(t - a) / τ}`` instead. τ is estimated
+    from the take.
 
     The second prediction comes from the neighbours (see ``among``). Frames around the gap give the mean squared errors
     ``e_1²`` and ``e_2²``. The second prediction has the weight ``e_1² / (e_1² + e_2²)``. If the predictions differ by
-    more than the errors, the body is assumed to be wrong. A limb with no visible marker is undetermined.
+    more than the errors, the body is assumed to be wrong, because a limb with no visible marker is undetermined.
 
     ``bones`` are (F, M, 3, 3) weighted mean rotations of each marker's bones. ``others`` are (F, U, 3) recorded points
     that the body does not use. They predict markers of limbs without other known markers.

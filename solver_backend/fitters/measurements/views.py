@@ -309,9 +309,10 @@ LEAST_POINTS = 12  # Smallest number of shared points for aligning the motion wi
 def begin_at(
     measurements: Measurements, motion: Motion, body: Body, prior: AutoencodingPrior, like: Array
 ) -> Measurements:
-    """Start the solve of several cameras from a motion. It also constrains the body in frames with too few points.
+    """Start a multi-view solve from a motion, which also constrains the body in frames with too few points.
 
-    The motion may be in another world. It is rotated, scaled and shifted to fit the triangulated points in all frames.
+    The motion may be in another world coordinate system. It is rotated, scaled and shifted to fit the triangulated
+    points in all frames.
 
     Raises:
         MotionInvalid: the motion has another number of frames or is for another body.

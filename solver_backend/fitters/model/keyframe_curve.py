@@ -214,7 +214,7 @@ class KeyframeCurve:
 
     @classmethod
     def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
-        """Build the smooth spline of control points (W, 5), as selected by ``Keyframes.fives``.
+        """Build the curve on the spline with the control points (W, 5) of each window (see ``Keyframes.fives``).
 
         ``shares`` (W, n, 5) are the weights of these points, see ``KeyframeLayout.spline_shares``.
         """
@@ -332,7 +332,10 @@ def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyfr
 
 
 def summed_by_keys(values: Array) -> Array:
-    """Sum derivatives (W, k, d) by window and keyframe to (n W + 1, d) by keyframe. Neighbouring windows share one."""
+    """Convert derivatives (W, k, d) for each window's keyframes to derivatives (n W + 1, d) for all keyframes.
+
+    k is n + 1. Two neighbouring windows share a keyframe, and their derivatives for it are added.
+    """
     count, free = values.shape[0], values.shape[1] - 1
     summed = zeros((free * count + 1, values.shape[-1]), values)
     for key in range(free + 1):

@@ -93,7 +93,7 @@ class KeyframeLayout:
         return shares
 
     def rows(self, stride: int = 1) -> WindowRows:
-        """Return every ``stride``-th frame of each window, weighted by the frames it represents."""
+        """Return every ``stride``-th frame of each window, weighted by the number of frames that it represents."""
         first, last = self.bounds[:-1] + 1, self.bounds[1:]
         first[0] -= 1
         width = int((last - first).max()) // stride + 1
@@ -134,7 +134,7 @@ def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple
 
 @dataclass(frozen=True)
 class WindowRows(Rows):
-    """Frames of N windows as rows of n frames. Shorter rows are padded with frames of weight 0."""
+    """Frames of N windows, as one row of n frames per window. Shorter rows are padded with frames of weight 0."""
 
     frames: np.ndarray  # (N, n) frame numbers.
     time: np.ndarray  # (N, n) positions in the window, 0..1.
@@ -148,12 +148,12 @@ class WindowRows(Rows):
         return [slice(a, b) for a, b in itertools.pairwise(bounds.tolist())]
 
     def columns(self, count: int) -> np.ndarray:
-        """Return the numbers of about ``count`` equally spaced columns."""
+        """Return the indices of about ``count`` equally spaced columns."""
         stride = max(1, int((self.weight > 0).sum(axis=1).min()) // count)
         return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
 
     def sampled(self, columns: np.ndarray) -> WindowRows:
-        """Select some columns, which are frames of each window. Their weights are increased to represent all frames."""
+        """Select some columns of frames. Their weights are increased, so that they represent all frames of a window."""
         weight = self.weight[:, columns]
         weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
         return WindowRows(self.frames[:, columns], self.time[:, columns], weight)
@@ -232,7 +232,7 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
 
 
 def spline_states(keys: np.ndarray, layout: KeyframeLayout) -> np.ndarray:
-    """Return the values (F, d) in all frames, on the spline of the keyframes' values (K, d) in flat space."""
+    """Interpolate keyframe values (K, d) in flat space to all frames (F, d), with the spline of ``control_points``."""
     points, rows, shares = _spline(keys, layout)
     padded = np.pad(points, ((1, 1), (0, 0)))
     fives = np.stack([padded[i : len(padded) - 4 + i : 2] for i in range(5)], axis=1)

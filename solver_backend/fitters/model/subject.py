@@ -88,7 +88,7 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return derivatives (F, p, n) of pose tangents w.r.t. states' or keyframes' tangents."""
+    """Return the derivatives (F, p, n) of pose tangents w.r.t. the tangents of states or keyframes."""
     if CODE not in layout:
         return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)

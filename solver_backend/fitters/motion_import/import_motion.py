@@ -30,7 +30,7 @@ _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
 
 @dataclass(frozen=True)
 class Measured:
-    """Positions of our body's joints in another skeleton's motion, with rotations and rest joints, in world metres."""
+    """Positions and rotations of our body's joints, measured on another skeleton's motion, in world metres."""
 
     places: np.ndarray  # (F, NUM_JOINTS, 3), NaN where the skeleton has no such joint.
     turns: np.ndarray  # (F, 22, 3, 3) rotations from our body's rest axes to the world.
@@ -95,7 +95,7 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
 
 
 def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return our joints' rotations (F, 22, 3, 3), interpolated in spine and neck where missing."""
+    """Return the rotations (F, 22, 3, 3) of our body's joints. Missing spine and neck rotations are interpolated."""
     turns = np.empty((frames, NUM_TURNED, 3, 3))
     turns[:, 0] = G["pelvis"]
     spine = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "spine")]
@@ -358,7 +358,7 @@ def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
 
 
 def standing_feet(body: Body, betas: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return an (F, 2) mask of frames in which the left or right foot's ball is low and slow."""
+    """Return an (F, 2) mask of planted feet, left first: the ball of the foot is low and slow."""
     balls = joints[:, [foot[1] for foot in _FEET]]
     heights = _rest_heights(body, betas)[[foot[1] for foot in _FEET]]
     if len(balls) < 2:

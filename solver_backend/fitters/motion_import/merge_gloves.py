@@ -61,10 +61,11 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 
 
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
-    """Estimate the start of the other recording on the first one's clock, or return None if the wrists are too still.
+    """Estimate when ``other`` starts on the clock of ``one``. Return None if it cannot be estimated.
 
     The offset maximises the correlation of all wrists' speeds over the overlap. A parabola refines it between samples.
-    Speeds are (n,) and (m,) for the same wrists at ``RATE`` samples per second.
+    ``one`` and ``other`` are the angular speeds (n,) and (m,) of the same wrists at ``RATE`` samples per second. The
+    result is None if the wrists are too still, or a recording is too short.
     """
     pairs = [(a, b) for a, b in zip(one, other, strict=True) if _moves(a) and _moves(b)]
     if not pairs:
@@ -98,7 +99,7 @@ def _moves(speeds: np.ndarray) -> bool:
 
 
 def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
-    """Return the correlation of a and b over their overlap, for every offset of b in a.
+    """Return the correlation of a and b over their overlap, for every offset of b relative to a.
 
     Sums over the overlap come from cumulative sums, and products from a convolution by the Fourier transform.
     """

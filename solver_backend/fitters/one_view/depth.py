@@ -147,7 +147,7 @@ def restore_sides(
 
 
 def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
-    """Return the number (F,) of a limb's left and right pairs that swap in each frame.
+    """Count the left-right keypoint pairs of a limb that swap sides in each frame (F,).
 
     A step ``x_t - x_{t-1}`` is predicted by the mean of the steps before and after it. A pair swaps if the prediction
     fits better after its left and right keypoints are exchanged. Limbs that pass each other continue their motion, so
@@ -302,7 +302,7 @@ class OneCamera(PointSource):
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
         """Estimate the person's size again from the solved poses, if planted feet on a calibrated floor determine it.
 
-        Detections and planted feet correct lifted poses, for example legs that are bent too little.
+        The solved poses are better than the lifted poses, in which for example the legs are bent too little.
         """
         if settings.betas is not None or self.heights is None or self.open.up_from_person or _never_stands(solved):
             return problem
@@ -314,7 +314,7 @@ class OneCamera(PointSource):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Smooth the depth, put planted feet on the floor, and put parts without evidence at rest."""
+        """Smooth the depth, put planted feet on the floor, and relax body parts without evidence."""
         solved = steady_depth(solved, self.open, problem.fps)
         if self.heights is not None:
             solved = stand_on_floor(solved, self.sight, problem.fps)

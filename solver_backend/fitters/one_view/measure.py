@@ -295,9 +295,10 @@ def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: n
 
 
 def _sigma_px(cameras: Cameras, keypoints: Keypoints2D, depth: np.ndarray, view: int) -> np.ndarray:
-    """Return the deviations (1, F, L) in pixels of detections from a body with average proportions.
+    """Return the standard deviations (1, F, L) in pixels of detections from a body with average proportions.
 
-    They include the detector's noise, estimated from second differences of the tracks (six times its variance).
+    They combine the body model's error with the detector's noise. The noise is estimated from second differences of the
+    tracks, which have six times its variance.
     """
     xy = keypoints.xy[view]
     second = np.abs(xy[:-2] - 2.0 * xy[1:-1] + xy[2:])

@@ -53,7 +53,7 @@ class SeenShape:
 
 
 def foot_vertices(body: Body, side: str) -> np.ndarray:
-    """Return a foot's vertices, whose weight is mostly on the ankle or joints below it."""
+    """Return the vertices with most of their skinning weight on a foot's ankle or on joints below it."""
     joints, parents = body.layout.joints, body.layout.parents
     below = [joints.index(f"{side}_ankle")] if f"{side}_ankle" in joints else []
     for joint, parent in enumerate(parents):
@@ -109,7 +109,7 @@ def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
 def standing_soles(
     points: np.ndarray, heights: np.ndarray, up: np.ndarray, sight: np.ndarray, fps: float
 ) -> np.ndarray:
-    """Return an (F, K) mask of the points on planted feet, which are low and slow.
+    """Return an (F, K) mask of foot points that are low and slow, as on a planted foot.
 
     Args:
         points: (F, K, 3) points on the feet in metres, NaN where unseen.

@@ -87,9 +87,9 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     """Put the lowest points of planted feet on the floor z = 0, and remove foot sliding.
 
     The body moves by the mean height of its planted feet, smoothed in time. In frames without a contact, the lower foot
-    is used, unless its height suggests a jump. A slow height error comes from a depth error, so its slow part moves the
-    body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, where e points up, d is along
-    ``sight`` (F, 3) and k is ``DEEPER``. The rest of the height error moves the body vertically.
+    is used, unless its height suggests a jump. Slow height errors come from depth errors. Therefore, the slow part of
+    the height error moves the body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, where e
+    points up, d is along ``sight`` (F, 3) and k is ``DEEPER``. The rest of the height error moves the body vertically.
 
     Then the legs bend until each planted foot is on the floor at its mean position. Feet keep their orientation. Feet
     below the floor are also lifted. No foot moves by more than ``MOST_M`` relative to the body.
@@ -157,7 +157,7 @@ def _sole_points(
 
 
 def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
-    """Return how far (F, 2) the touching part of a foot is from its mean position in each contact."""
+    """Return the horizontal offset (F, 2) in metres of a foot's sole from its mean position in each contact."""
     height = foot[..., 2] - foot[..., 2].min(axis=1, keepdims=True)
     touch = np.exp(-height / TOUCH_M)
     hold = touch[1:] * touch[:-1]

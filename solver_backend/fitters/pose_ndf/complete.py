@@ -25,7 +25,7 @@ BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1,
 
 @dataclass(frozen=True)
 class KeypointSettings:
-    """Weights in Pose-NDF's keypoint objective (eq. 10), relative to errors in units of the detector's noise."""
+    """Weights in Pose-NDF's keypoint objective (eq. 10), for errors divided by the detector's standard deviation."""
 
     manifold: float = 50.0  # w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` vanishes near the manifold.
     adaptive: bool = True  # False uses a constant ``λ_θ = w``, 1/rad, for comparison.
@@ -138,7 +138,7 @@ def fit_keypoints(
 
     Args:
         subject: body and keypoint landmarks. Its shape is the initial shape.
-        prior: its distance is ``L_θ``.
+        prior: the distance from its manifold is ``L_θ``.
         term: the keypoints' data term on the landmarks.
         start: F initial poses, placed roughly in front of the cameras.
 
@@ -181,10 +181,10 @@ class PoseSequence:
         """Return the cost (1,) and its Gauss-Newton equations w.r.t. the free tangents.
 
         ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``. y are
-        the landmarks, o the observed ones and s is 1 where observed. f is the distance from the manifold. The terms are
-        L_v, L_θ and L_t in Pose-NDF's eqs. 7 and 8, with landmarks instead of the mesh and all frames at once. The
-        prior's residual is the vector to the manifold rather than its length, so that ``e²/2`` has the metric's
-        curvature.
+        the landmarks and o the observed landmarks. s is 1 where a landmark is observed, otherwise 0. f is the distance
+        from the manifold, and w its weight. The terms are L_v, L_θ and L_t in Pose-NDF's eqs. 7 and 8, with landmarks
+        instead of the mesh and all frames at once. The prior's residual is the vector to the manifold rather than its
+        length, so that ``e²/2`` has the metric's curvature.
         """
         posed = pose(self.subject, frames, jacobian=True)
         xp = array_namespace(posed.points)

@@ -261,7 +261,7 @@ def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights:
 def touching_parts(
     contacts: Contacts | None, skin: SkinContacts | None, names: tuple[str, ...]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return masks of planted feet (F, 2) and touching parts (F, 11), or None if undetected."""
+    """Return masks of planted feet (F, 2) and of touching parts (F, 11). Each is None if it was not detected."""
     feet = None if contacts is None else contacts.feet(names)
     if skin is None:
         return feet, None
@@ -318,7 +318,7 @@ def hold_skin(bundle: Bundle) -> Bundle:
 
 
 def _hold_outside(bundle: Bundle, world: Obstacles, others: OtherSkin | None) -> tuple[Bundle, np.ndarray]:
-    """Solve with skin outside surfaces. Also return an (F, 11) mask of the affected parts."""
+    """Solve with the skin outside surfaces. Return the bundle, and an (F, 11) mask of the affected body parts."""
     standing, names = bundle.contacts, bundle.posed.subject.landmarks.names
     works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)

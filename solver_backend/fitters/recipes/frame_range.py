@@ -107,10 +107,10 @@ def contacts_in_place(
     detects: bool,
     every: bool,
 ) -> tuple[Contacts | None, SkinContacts | None]:
-    """Combine the earlier contacts with contacts in new frames and the user's changes.
+    """Find contacts after new ``frames`` replaced the poses ``before`` in a range. Include the user's changes.
 
-    If ``detects`` is false, the feet have only the contacts that the user added. If ``every`` is false, the same
-    applies to all other parts.
+    If ``detects`` is false, the feet have only the contacts that the user added. If ``every`` is false, the other parts
+    have only the contacts that the user added.
     """
     whole = PosedFrames(*(_copied(getattr(before, name)) for name in ("root", "local", "transl")))
     for name in ("root", "local", "transl"):

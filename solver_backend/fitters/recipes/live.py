@@ -65,12 +65,12 @@ class PersonFollower:
         return np.broadcast_to(np.eye(3), (1, len(self._prior.rest_precision) // 3, 3, 3))
 
     def restart(self) -> None:
-        """Discard the pose, so that the next frame is a new start."""
+        """Discard the pose. The next frame starts from an initial pose again."""
         self.pose = None
 
     @property
     def is_starting(self) -> bool:
-        """True if the next frame is part of a start."""
+        """True if there is no pose yet, or the steps after an initial pose are not complete."""
         return self.pose is None or self._steps_to_start > 0
 
     def follow(
@@ -199,7 +199,7 @@ class LiveFit(PersonFollower):
         offsets: np.ndarray | None = None,
         betas: np.ndarray | None = None,
     ) -> None:
-        """Create a fit for a body. A calibrated person also has a shape and 53 landmark offsets."""
+        """Create a fit for a body, or for a calibrated person with a shape (10,) and landmark offsets (53, 3)."""
         subject = Subject.average(body, landmarks or marker_landmarks(body, MARKERS), np.zeros(0))
         super().__init__(subject if offsets is None else replace(subject, offsets=offsets), betas)
 
