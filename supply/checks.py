@@ -46,7 +46,7 @@ def lint_steps(fix: bool) -> list[list[str]]:
 
 
 def run_beside(linters: list[list[str]], tests: list[list[str]]) -> list[str]:
-    """Run the linters beside the tests, print their output afterwards, and return failed steps."""
+    """Run linters and tests at the same time. Print the linters' output last, and return the failed steps."""
     failed: list[str] = []
     with tempfile.TemporaryFile("w+", encoding="utf-8") as shown:
         # A daemon, so that cancelled tests do not wait for the linters.

@@ -193,7 +193,7 @@ def markers() -> str:
 
 @cache
 def _decoded_poses() -> tuple[np.ndarray, ...]:
-    """Return (24, 2) joints of poses between three demo poses in metres, seen from the front left."""
+    """Return (24, 2) joints, in metres, of poses interpolated between three demo poses, seen from the front left."""
     prior, body = load_sposer(), load_body()
     poses = np.asarray(demo_capture().truth["body_pose"])[list(_KEY_FRAMES)]
     poses = poses[:, : 3 * SMPL.num_solved].reshape(len(_KEY_FRAMES), SMPL.num_solved, 3)

@@ -90,7 +90,7 @@ def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings
 
 
 def hidden_by(other: Person, cameras: Cameras, points: np.ndarray, fps: float) -> np.ndarray:
-    """Mask (C, F, K) the points (F, K, 3) that another person occludes, tested at ``OCCLUSION_HZ``."""
+    """Return a mask (C, F, K) of the points (F, K, 3) behind another person, tested at ``OCCLUSION_HZ``."""
     step = max(1, round(fps / OCCLUSION_HZ))
     frames = np.arange(0, len(points), step)
     hidden = [

@@ -24,7 +24,7 @@ class DataNoise:
     displacement_m: float = 0.1  # M_noise in 4.26.
 
     def __call__(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Corrupt points (F, n, 3), NaN where hidden. A ghost near a hidden point replaces it."""
+        """Corrupt points (F, n, 3), NaN where hidden. A ghost near a hidden point replaces that point."""
         noisy, ghosts, hidden = self._spoiled(points, rng)
         frames = np.arange(len(points))
         for ghost in np.swapaxes(ghosts, 0, 1):

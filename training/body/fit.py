@@ -40,7 +40,7 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class Samples:
-    """Training samples of the field. Positions and distances are in metres."""
+    """Training samples of the body's field: on the surface, near it and in the volume. Lengths are in metres."""
 
     surface: np.ndarray
     normals: np.ndarray
@@ -88,7 +88,7 @@ def draw_samples(reference: Reference, settings: FitSettings) -> Samples:
 
 
 def first_guess(reference: Reference, settings: FitSettings) -> tuple[np.ndarray, np.ndarray]:
-    """Return initial centres and log scales from k-means of samples below the skin, for each region."""
+    """Cluster samples below the skin by k-means in each region. Return initial centres and log scales."""
     rng = np.random.default_rng(settings.seed + 1)
     masks, centres, scales = regions_of(reference), [], []
     for name, count, inset in settings.regions:

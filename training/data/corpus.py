@@ -391,7 +391,7 @@ class WindowSampler:
 
     @classmethod
     def of(cls, corpus: Corpus, *, turned_chance: float = 0.0, end_chance: float = 0.0) -> WindowSampler:
-        """Create a sampler for a corpus, with its arrays as torch tensors."""
+        """Create a sampler for a corpus, and convert the corpus' arrays to torch tensors."""
         rotations, start, end, distinct = (
             torch.as_tensor(np.ascontiguousarray(a))
             for a in (corpus.rotations, corpus.clip_start, corpus.clip_end, corpus.distinct)

@@ -101,7 +101,7 @@ class EventLog:
     """A folder's validation figures (``log.jsonl``) and TensorBoard events, written during the training."""
 
     def __init__(self, folder: Path, step: int) -> None:
-        """Continue after ``step``. Later lines from an interrupted run are removed, so that no step appears twice."""
+        """Continue the logs after ``step``. Later lines are removed, so that no step appears twice."""
         self._path = folder / "log.jsonl"
         if self._path.is_file():
             lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)

@@ -93,7 +93,7 @@ def _keyed(folder: Path) -> HandPoses:
 
 
 def _markers(folder: Path) -> HandPoses:
-    """Measure the finger angles in the frames of the finger exercises that show all markers."""
+    """Measure the finger angles in frames of the finger-exercise recordings without missing markers."""
     found = []
     for path in sorted((folder / "leap").glob("*.npz")):
         points = marker_points(read_npz(path))[::_MARKER_STRIDE]
@@ -247,7 +247,7 @@ def chi_square(probability: float, dof: int = NUM_ANGLES) -> float:
 
 
 def _needed(angles: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the factor that a covariance needs to contain ``HELD`` of a source's poses."""
+    """Return the factor to scale a covariance by, so that it contains ``HELD`` of a source's poses."""
     return float(np.quantile(squared_distances(angles, mean, covariance), HELD)) / chi_square(HELD)
 
 

@@ -163,7 +163,7 @@ class _LandmarkRun:
                 a.copy_(b)
 
     def _captured(self) -> torch.cuda.CUDAGraph:
-        """Return the step as a CUDA graph after warming it up on a separate stream."""
+        """Return a training step as a CUDA graph, captured after a warm-up on a separate stream."""
         side = torch.cuda.Stream()
         side.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(side):
@@ -206,7 +206,7 @@ class _LandmarkRun:
     def resume(self, checkpoint: Path, *, other_row: bool = False) -> None:
         """Load a checkpoint, optionally from another row or seed.
 
-        The number of steps or seconds may have been increased.
+        The number of steps or seconds may be larger than in the checkpoint.
         """
         if not checkpoint.is_file():
             raise FileMissing(

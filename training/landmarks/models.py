@@ -170,7 +170,7 @@ class _SoftmaxReading(torch.autograd.Function):
 
     @staticmethod
     def symbolic(graph: Any, logits: Any, index: Any, basis: Any) -> tuple[Any, Any, Any]:
-        """Return the same values computed by operators of an ONNX file (opset 18)."""
+        """Return the values of ``forward``, computed by operators of an ONNX file (opset 18)."""
         last, of_places = (graph.op("Constant", value_t=torch.tensor(which)) for which in ([-1], [1, 2]))
         sums = graph.op("MatMul", graph.op("Softmax", logits, axis_i=-1), basis)
         return (

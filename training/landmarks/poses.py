@@ -111,7 +111,7 @@ class PoseTable:
         write_npz(path, dict(self.arrays), overwrite=True)
 
     def poses(self, name: str) -> np.ndarray:
-        """Return float32 rotation vectors (N, 22, 3): ``training``, ``ordinary``, ``tail``, ``floor`` or a sampler."""
+        """Return float32 rotation vectors (N, 22, 3) of the set ``name``: recorded poses, or poses of a sampler."""
         return self.arrays[name].astype(np.float32)
 
     def check_finite(self) -> None:

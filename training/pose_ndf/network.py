@@ -102,7 +102,7 @@ class PoseNdfTask:
     def loss(self, batch: tuple[torch.Tensor, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         """Return the distance error plus the eikonal loss: ``mean |f - d| + λ mean (|∇f| - 1)²``.
 
-        Gradients are in the metric of the distance, and only at poses off the manifold.
+        Gradient lengths are in the metric of the distance. Poses on the manifold do not contribute to the eikonal loss.
 
         Reference: Tiwari et al. 2022, eq. 4.
         """
@@ -126,7 +126,7 @@ class PoseNdfTask:
 
 
 def as_prior(model: PoseFieldNet, spread: JointSpread) -> PoseNDF:
-    """Return a copy of a network during training as a usable prior."""
+    """Return a prior with a copy of a network that may still be in training."""
     return PoseNDF(copy.deepcopy(model).requires_grad_(False).field, spread, {})
 
 

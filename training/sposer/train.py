@@ -40,7 +40,7 @@ class SphericalAutoencoder(nn.Module):
         self.decoder = dense_stack((LATENT_DIM, *decoder_hidden, 126), activation)
 
     def start_from(self, mean_6d: torch.Tensor) -> None:
-        """Centre the encoder's input and the decoder's output on the mean pose, and scale codes to 1."""
+        """Centre the encoder's input and the decoder's output on the mean pose, and scale weights for unit codes."""
         with torch.no_grad():
             first, last = linear_layers(self.encoder)[0], linear_layers(self.decoder)[-1]
             first.weight.mul_(3.0)

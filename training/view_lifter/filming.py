@@ -122,7 +122,7 @@ def _other_side(name: str) -> str:
 
 
 def _points(body: Body, local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
-    """Return points (N, 19, 3, 1 + SHAPES) relative to the pelvis, in half precision."""
+    """Return points (N, 19, 3, 1 + SHAPES) relative to the pelvis: mean shape, then changes per shape parameter."""
     landmarks = keypoint_landmarks(body, JointSet.BODY_25B)
     columns = [landmarks.names.index(name) for name in POINTS]
     out = torch.empty((len(local), len(POINTS), 3, 1 + SHAPES), dtype=torch.float16)

@@ -58,7 +58,7 @@ class LimbSlantSettings:
 
 @dataclass(frozen=True)
 class SlantWindows:
-    """B windows, as the view lifter has read them."""
+    """Features of B windows from the view lifter, and the lifted and the true slants of the limbs."""
 
     hidden: torch.Tensor  # (B, d) features.
     classes: torch.Tensor  # (B, 8) classes of the true limb slants.
@@ -114,7 +114,7 @@ class LimbSlantTask:
 
 
 def read_windows(recordings: Recordings, count: int, seed: int) -> SlantWindows:
-    """Return windows around random frames, seen by random cameras, as the view lifter reads them."""
+    """Film windows around random frames with random cameras, and apply the view lifter to them."""
     generator, lifter, prior = torch.Generator().manual_seed(seed), load_view_lifter(), load_sposer()
     parts = list[SlantWindows]()
     for first in range(0, count, _BLOCK):
@@ -144,7 +144,7 @@ def read_windows(recordings: Recordings, count: int, seed: int) -> SlantWindows:
 
 
 def train_limb_slants(job: TrainingJob, settings: LimbSlantSettings = LimbSlantSettings()) -> Finished:
-    """Train, export and write the model card."""
+    """Train the limb-slant network, export its weights and write the model card."""
     task = LimbSlantTask(job.training, job.validation, load_body(), settings, job.settings.batch, job.settings.seed)
     network = run_training(task, job.settings, job.work, job.progress)
     header = {

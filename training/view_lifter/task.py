@@ -38,7 +38,7 @@ class ViewNet(nn.Module):
         self.out = nn.Linear(width, OUTPUTS)
 
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-        """Read the middle frame of each window."""
+        """Map features (N, 27, 62) to outputs (N, 89) for the middle frame of each window."""
         x = self.embed(tokens) + self.place
         for layer in self.layers:
             x = layer(x)
@@ -173,7 +173,7 @@ SPoser was trained on subjects 49 and 135.
 
 
 def train_view_lifter(job: TrainingJob, settings: ViewLifterSettings = ViewLifterSettings()) -> Finished:
-    """Train, export and write the model card.
+    """Train the view lifter, export its weights and write the model card.
 
     Raises:
         TrainingMismatch: the weights to start from belong to another network.
