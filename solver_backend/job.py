@@ -168,7 +168,7 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: Any) -> Any:
-    """Return the value of a key, or None, after checking its type. True and False are not numbers."""
+    """Check the type of a key's value and return it, or None if the key is missing. True and False are not numbers."""
     value = values.get(key)
     if value is None or (isinstance(value, kind) and (kind is bool or not isinstance(value, bool))):
         return value

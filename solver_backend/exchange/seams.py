@@ -117,7 +117,7 @@ class Seam:
 
     @property
     def without_rates(self) -> Seam:
-        """The seam without its velocity difference. At a motion's ends, that difference is half a frame off."""
+        """The seam without its velocity difference, which is extrapolated and inaccurate at a motion's ends."""
         rates: dict[str, Any] = {"turn_rates": 0.0 * self.turn_rates, "velocity": 0.0 * self.velocity}
         return replace(self, corner_degrees=0.0, corner_mm=0.0, **rates)
 
@@ -534,7 +534,7 @@ def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
 
 
 def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
-    """Transfer a motion to another motion's bones. The scaled pelvis height keeps feet on the ground."""
+    """Transfer a motion to another motion's bones. The pelvis positions are scaled, so that feet stay on the ground."""
     rest, ratio = rest_joints(other), _legs(other) / _legs(motion)
     if np.allclose(rest - rest[0], rest_joints(motion) - rest_joints(motion)[0], atol=1e-5):
         return motion

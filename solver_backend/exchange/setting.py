@@ -44,7 +44,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting of a verb, of a solve or of reading a recording."""
+    """A setting of a verb (subcommand), of a solve, or of a reader."""
 
     kind: Kind
     label: str  # Noun phrase in the panel.

@@ -22,7 +22,7 @@ _PROPER_NAMES = ("Blender", "Dask", "Python")  # Words that stay capitalised wit
 
 @dataclass(frozen=True)
 class Verb:
-    """A verb of the command line."""
+    """A verb (subcommand) of the command line program, such as ``solve``."""
 
     name: str  # Words after the program name: the group, if any, and the verb.
     help: str  # What the verb does, in lower case without full stop.
@@ -256,7 +256,7 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 
 def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """Return a question that suggests the most similar known word, or ""."""
+    """Return a question that suggests the most similar known word, or "" if no word is similar."""
     from difflib import get_close_matches  # needed only for mistakes, and slow to import
 
     near = get_close_matches(word, list(known), 1, likeness)

@@ -245,7 +245,7 @@ def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
 
 
 def chapter_of(path: Path) -> tuple[tuple[str, ...], int] | None:
-    """Return the recording and chapter number in the name of a GoPro file, or None."""
+    """Return the recording and chapter number in the name of a GoPro file, or None for other names."""
     if found := _FIRST.fullmatch(path.stem):
         return (found["head"], "GP", found["number"], found["tail"], path.suffix.lower()), 0
     if found := _CHAPTER.fullmatch(path.stem):

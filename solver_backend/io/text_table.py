@@ -93,8 +93,8 @@ def read_numbers(
 ) -> np.ndarray:
     """Convert the cells of rows to numbers (rows, columns). Missing cells are NaN.
 
-    ``first_line`` is the line number of the first row, counted from 1, for messages. ``with_whole_decimals`` explains
-    the handling of rows of a known ``width``.
+    ``first_line`` is the line number of the first row, counted from 1, for messages. If the ``width`` of
+    rows is known, decimals that were split at their commas are joined (see ``with_whole_decimals``).
 
     Raises:
         FileDamaged: a cell is not a number, or the row lengths differ too much for a table.

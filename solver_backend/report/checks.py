@@ -138,7 +138,7 @@ def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
 
 
 def useless(is_useless: bool) -> Severity:
-    """Return error severity, which rejects the result, if it is useless. Otherwise, return warning severity."""
+    """Return error severity for a useless result, so that it is rejected. Otherwise, return warning severity."""
     return Severity.ERROR if is_useless else Severity.WARNING
 
 

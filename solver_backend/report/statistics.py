@@ -53,7 +53,7 @@ class KeypointResiduals:
 
 
 def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
-    """Return the keypoint residuals of a solve, or None without detections in images.
+    """Return the keypoint residuals of a solve, or None if the capture has no detections in images.
 
     Raises:
         MotionInvalid: motion and capture differ in their frames, views or keypoints.

@@ -77,7 +77,7 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """Cameras and bodies after the adjustment, and their remaining errors."""
+    """Cameras and bodies after the adjustment, and the remaining reprojection errors."""
 
     cameras: Cameras
     bodies: Bodies
@@ -88,7 +88,7 @@ class Adjusted:
 
     @property
     def rmse_px(self) -> float:
-        """Root mean square error in pixels."""
+        """Root mean square reprojection error in pixels."""
         return float(np.sqrt(np.nanmean((self.error**2).sum(-1))))
 
 

@@ -150,7 +150,7 @@ class BoardDetector:
         self._points = {"charuco": self._charuco, "rings": self._rings, "checkerboard": self._checkerboard}[board.kind]
 
     def find(self, grey: np.ndarray) -> BoardSighting | None:
-        """Detect the board in a grey image (H, W) uint8, or return None."""
+        """Detect the board in a grey image (H, W) uint8. Return None if it is not found."""
         picture = 255 - grey if self.board.inverted else grey
         found, mirrored = self._points(picture), False
         if found is None and self.board.kind == "charuco":
@@ -206,7 +206,7 @@ class BoardDetector:
 
 
 def charuco_boards(board: Board) -> list[Any]:
-    """Return two OpenCV boards: one with today's Charuco pattern, and one with the pattern before OpenCV 4.6."""
+    """Return two OpenCV boards: one with the current Charuco pattern, and one with the pattern before OpenCV 4.6."""
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:

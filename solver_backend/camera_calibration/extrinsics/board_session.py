@@ -56,7 +56,7 @@ def calibrate_from_board(
         fps: frame rate in 1/s, needed to estimate each camera's delay relative to the first. None ignores delays.
 
     Raises:
-        CalibrationInvalid: cameras never see the board together, or it looks the same after rotation by 180°.
+        CalibrationInvalid: cameras never see the board together, or the board looks the same after rotation by 180°.
     """
     if not board.ends_differ:
         message = f"The {board} looks the same after half a turn, so its orientation is ambiguous."

@@ -234,10 +234,11 @@ def inverted(a: Pose) -> Pose:
 
 
 def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
-    """Estimate the pose from the first to the second camera from board poses in common frames.
+    """Estimate the transform from the first to the second camera, given the board's poses in common frames.
 
-    In each frame, the board poses T in both cameras propose ``T_second T_first⁻¹``. The proposal with the smallest
-    median distance from all others is used. This rejects the wrong one of the two poses that a flat board allows.
+    In each frame, the board's poses T in the two cameras give the candidate ``T_second T_first⁻¹``. The candidate with
+    the smallest median distance to all others is used. In a single frame, a flat board may allow two poses. This
+    rejects the wrong one.
     """
     proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
     R, t = np.stack([p[0] for p in proposals]), np.stack([p[1] for p in proposals])

@@ -134,7 +134,7 @@ class CameraLens:
 
     @property
     def held_out(self) -> float:
-        """Error (px) of the chosen model in held-out images."""
+        """Reprojection error (px) of the chosen model in images that were left out of the fit."""
         return self.held_out_px[self.fit.model.name]
 
 

@@ -71,8 +71,8 @@ def calibrations_in(
     remaining OpenCV files together form one calibration. Other files are skipped.
 
     Args:
-        nested: also read the subfolders, which belong to one camera each. If all subfolders contain several files with
-            the same names, the files with one of these names form a calibration.
+        nested: also read the subfolders, which belong to one camera each. If they all contain the same set of several
+            file names, the files of each name form a calibration.
     """
     files = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
     own = [folder, *(p for p in files if nested or not p.is_dir())]  # other folders may be other recordings

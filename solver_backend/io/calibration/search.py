@@ -234,7 +234,7 @@ def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibra
 
 
 def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) -> Calibration:
-    """Reorder a calibration's cameras. Omitted cameras and cameras with other names are reported."""
+    """Select the cameras with the indices ``order``. Report the omitted cameras, and cameras with another name."""
     left_out = [name for i, name in enumerate(found.cameras.names) if i not in order]
     notes = (diagnostic("calibrated_not_recorded", cameras=left_out),) if left_out else ()
     pairs = zip(recorded, (found.cameras.names[i] for i in order), strict=bool(recorded))

@@ -50,8 +50,8 @@ def _floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
     """Convert bytes (..., 4 n) in the processor's float format to float64 numbers (..., n).
 
     A VAX F float consists of two little-endian 16-bit words, high word first. Its exponent is larger by 2 than in the
-    IEEE float with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual). From
-    2^126 up, the bits mean infinity and NaN in IEEE, and so does the result.
+    IEEE float with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual).
+    Numbers from 2^126 up become infinity or NaN, because their bits have this meaning in IEEE.
     """
     with np.errstate(invalid="ignore"):
         if processor is not Processor.DEC:

@@ -325,8 +325,8 @@ def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
     """Estimate the up axis of a motion. Also return its source: ``trunk``, ``rest``, or '' for the default Y.
 
     A standing rest pose determines the axis, because the person may lie or fly in the motion. However, some converters
-    write a skeleton with Y up and a motion with Z up. If the motion's trunk is along another axis, that axis is used if
-    the lowest joints are near height 0 along it.
+    write a skeleton with Y up and a motion with Z up. If the motion's trunk is along another axis than the rest pose,
+    the trunk's axis is used, provided that the lowest joints are near height 0 along it.
     """
     top = next((role for role in ("head", "neck_1", "left_upper_arm") if role in roles), "pelvis")
     a, b = (motion.names.index(roles[role]) for role in ("pelvis", top))

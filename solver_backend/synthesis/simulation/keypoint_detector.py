@@ -73,7 +73,7 @@ def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.
 
 
 def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) offsets of outliers in millimetres, constant for six frames."""
+    """Return (C, F, K, 2) offsets of outliers in millimetres. Each offset lasts for six frames."""
     hold = np.repeat(np.arange(0, shape[1], 6), 6)[: shape[1]]
     angle, factor = rng.uniform(0, 2 * np.pi, shape)[:, hold], rng.uniform(0.5, 1.5, shape)[:, hold]
     return faults.outlier_mm * factor[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -168,9 +168,9 @@ _AROUND: dict[str, tuple[str, ...]] = {
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the (face, target) pairs for all faces that block the line of sight to a target.
 
-    In the plane z = 1, a face covers a target if all three barycentric coordinates are positive. With them, the inverse
-    depths of the corners are interpolated (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the
-    camera's frame. ``faces`` (T, 3) are counter-clockwise when seen from outside.
+    In the plane z = 1, a face covers a target if all three barycentric coordinates are positive. These coordinates also
+    interpolate the inverse depths of the corners (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in
+    the camera's frame. ``faces`` (T, 3) are counter-clockwise when seen from outside.
     """
     flat, goal = skin[:, :2] / skin[:, 2:], targets[:, :2] / targets[:, 2:]
     a, b, c = (flat[faces[:, i]] for i in range(3))
@@ -192,7 +192,7 @@ def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> t
 
 
 def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
-    """Return a (K, T) mask of the T faces around each keypoint, which cannot hide it."""
+    """Return a (K, T) mask of the faces around each keypoint. These faces cannot hide the keypoint."""
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     own = np.zeros((len(keypoints), len(part)), dtype=bool)
     for k, name in enumerate(keypoints):

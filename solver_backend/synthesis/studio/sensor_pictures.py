@@ -17,7 +17,7 @@ from solver_backend.types import SMPL_JOINTS
 
 @dataclass(frozen=True)
 class Backdrop:
-    """A camera's view of room and furniture without the person, which is equal in all frames."""
+    """A camera's view of room and furniture without the person. It is the same in all frames."""
 
     depth: np.ndarray  # (h, w) float32 depth in metres.
     label: np.ndarray  # (h, w) uint8 label.
@@ -178,10 +178,10 @@ def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: 
 def _with_rings(
     depth: np.ndarray, blind: np.ndarray, spheres: Spheres, before_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Add a ring of two pixels with the markers' depth around blind patches of a depth image.
+    """Add rings around the blind patches of a depth image. Also return the (h, w) mask of the rings.
 
-    Return the new depth image and the (h, w) mask of the rings. A sphere reflects light at a point ``before_m`` in
-    front of its centre.
+    A ring is two pixels wide and has the depth of the nearest marker. The marker reflects light at a point
+    ``before_m`` in front of its centre.
     """
     height, width = depth.shape
     owner = np.full(height * width, np.inf, np.float32)
@@ -222,14 +222,14 @@ _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
 
 
 def views_of(stage: Stage) -> list[int]:
-    """Count the camera views of a person by eight viewing directions. The first one is from the front."""
+    """Count how often cameras see the person from each of eight directions, starting with the front."""
     angle = direction_seen_from(stage.cameras, stage.person.orient, stage.joints[:, 0]) % (2 * np.pi)
     eighth = np.round(angle / (np.pi / 4)).astype(int) % 8
     return np.bincount(eighth.ravel(), minlength=8).tolist()
 
 
 def poses_of(joints: np.ndarray) -> dict[str, list[int]]:
-    """Count the limb angles of (F, 24, 3) joints in bins of ``SECTOR_DEG``, by name of the angle."""
+    """Return a histogram of each limb angle over (F, 24, 3) joints, by name. The bins are ``SECTOR_DEG`` wide."""
     upright = np.broadcast_to([0.0, 0.0, 1.0], joints[:, 0].shape)
     found = {"trunk off upright": _counted(_angle(_line(joints, "pelvis", "neck", ""), upright))}
     for name, (one, other) in _LIMBS.items():

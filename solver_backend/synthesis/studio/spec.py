@@ -60,7 +60,7 @@ def read_look(description: Any) -> StudioLook:
 
 
 def draw_light(light: str, rng: np.random.Generator) -> str:
-    """Choose a light. If the value is 'random', draw it."""
+    """Return the given light, or draw a random one if it is 'random'."""
     drawn = str(rng.choice([name for name in LIGHT if name != "random"]))
     return drawn if light == "random" else light
 
@@ -111,7 +111,7 @@ def read_faults(description: Any) -> Faults:
 
 
 def sizes_of(faults: Faults) -> dict[str, float]:
-    """Return the size of each fault by its key in descriptions."""
+    """Return the size of each fault, by its key in data set descriptions."""
     parts = {"": faults, "detector": faults.detector, "cameras": faults.cameras, "markers": faults.markers}
     return {key: getattr(parts["".join(path[:-1])], path[-1]) for key, path in _PERTURBATION_KEYS.items()}
 

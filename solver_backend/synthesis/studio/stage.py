@@ -58,7 +58,7 @@ def list_shots(spec: Spec) -> tuple[Shot, ...]:
 
 
 def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:
-    """Return a person's body and shape (10,), which are equal in every shot."""
+    """Return a person's body and shape (10,), which are the same in every shot."""
     rng = seeded(spec.seed, "person", str(person))
     betas = np.clip(spec.people.sigma * rng.normal(size=NUM_BETAS), -_MOST_BETA, _MOST_BETA)
     return (strange_body(int(rng.integers(2**31))) if spec.people.strange else load_body()), betas

@@ -175,8 +175,8 @@ def chosen_detector(
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX format,
             MediaPipe in LiteRT format, or a description of any other model.
-        python: interpreter to use. The default is MediaPipe's environment if there is one. For models, and for the
-            MediaPipe included in the extension, the default is our own interpreter.
+        python: interpreter to use. By default, MediaPipe runs in its own environment if there is one. All other
+            detectors, and the MediaPipe models in the extension, run in our interpreter.
         hands: also detect hands if the detector supports it. The included detector only detects bodies.
         worker: a user-written program that replaces the detector (see ``pose_workers.serve``).
     """

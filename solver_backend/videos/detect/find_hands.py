@@ -83,7 +83,7 @@ class HandInCrop:
     right: float = 1.0  # Probability that it is a right hand, 0 to 1. Left hands are mirrored in their crops.
 
     def counted(self) -> np.ndarray:
-        """Return the points (21, 3) with a confidence that is lower if the side of the hand is uncertain."""
+        """Return the points with a confidence (21, 3), which is lower if the side of the hand is uncertain."""
         trust = self.presence * min(1.0, max(LEAST_TRUST, self.right / RIGHT))
         return np.column_stack([self.points, np.full(len(self.points), trust)])
 
@@ -191,7 +191,7 @@ class _HandSearch:
 
 
 def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, found: np.ndarray) -> None:
-    """Search for a hand in the views that missed it, where two or more other views locate it."""
+    """Search again for a hand in the views that missed it, at the position that other views triangulate."""
     seen = found[:, 0, 2] > 0
     missing = [view for view in searches if not seen[view]]
     if seen.sum() < 2 or not missing:

@@ -102,7 +102,7 @@ def without_camera_motion(
     explain the motion of the background.
 
     Args:
-        out: file for the estimated path. An existing one is removed.
+        out: file for the estimated path. An existing file is removed.
     """
     if world.camera_path:
         return found, world, []

@@ -21,7 +21,7 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
     """Measure a detector's noise map on captures with calibrated cameras.
 
     First, the cameras are refined to fit the person. Then each detection is compared with the prediction from the other
-    views (``predict_views``). The variance in each confidence step is the median squared distance divided by 2 ln 2,
+    views (``predict_views``). The variance at each confidence level is the median squared distance divided by 2 ln 2,
     minus the variance of the prediction. The variances are pooled so that they decrease with confidence.
 
     Reference: Barlow et al. 1972 (pool adjacent violators).
@@ -47,7 +47,7 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
 
 
 def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
-    """Return each detection's confidence (N,), and squared error (N,) in mm² minus the prediction's variance."""
+    """Return the confidences (N,) of detections, and their squared errors (N,) minus the predicted variance, in mm²."""
     cameras, keypoints = capture.require_multiview()
     cameras = refined_cameras(cameras, keypoints.xy, keypoints.confidence)
     seen = (keypoints.confidence > 0).astype(float)

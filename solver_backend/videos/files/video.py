@@ -169,7 +169,7 @@ def _probe_file(path: Path) -> VideoInfo:
 
 
 def rate_of(times_s: np.ndarray) -> float:
-    """Return the mean frame rate in 1/s of increasing times. Gaps are ignored. It is 0 for fewer than two times."""
+    """Return the mean frame rate in 1/s of increasing times, ignoring gaps. Return 0 for fewer than two times."""
     if len(times_s) < 2:
         return 0.0
     gaps = np.diff(times_s)

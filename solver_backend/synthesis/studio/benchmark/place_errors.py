@@ -48,7 +48,7 @@ class PlaceErrors:
 
     @property
     def median_mm(self) -> float | None:
-        """Median error over all positions with triangulated keypoints, or None without any."""
+        """Median error over all positions with triangulated keypoints, or None if there are no such positions."""
         return float(np.nanmedian(self.error_mm)) if np.isfinite(self.error_mm).any() else None
 
 

@@ -66,7 +66,10 @@ class SquareCrop:
 
 
 def direction(start: np.ndarray, end: np.ndarray, least: float) -> tuple[np.ndarray, float]:
-    """Return the direction and distance from one pixel (2,) to another. Up to the distance ``least``, it points up."""
+    """Return the direction and distance from one pixel (2,) to another.
+
+    If the distance is at most ``least``, the direction is up.
+    """
     length = float(np.hypot(*(end - start)))
     return (end - start) / length if length > least else np.array([0.0, -1.0]), length
 
