@@ -24,7 +24,7 @@ _SHAPES: dict[type, dict[str, Shape]] = {
 
 @dataclass(frozen=True)
 class ReadActor:
-    """A motion that was read from a file, and notes for the user."""
+    """A motion from a file, and notes for the user."""
 
     actor: Actor
     notes: tuple[str, ...] = ()

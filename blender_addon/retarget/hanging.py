@@ -28,7 +28,7 @@ _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_ang
 class Hanging:
     """For each of N controls in the neutral pose, the control that moves it and the control that rotates it.
 
-    A control comes after the controls that move or rotate it.
+    Each control follows the controls that move or rotate it.
     """
 
     names: tuple[str, ...]
@@ -101,7 +101,7 @@ def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tup
 
 
 def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float]) -> None:
-    """Set custom properties of an armature's bones, given by (bone, key). The type of each property is kept."""
+    """Set custom properties of an armature's bones, given by (bone, key). Property types do not change."""
     for (bone, key), value in values.items():
         armature.pose.bones[bone][key] = type(armature.pose.bones[bone][key])(value)
     armature.update_tag()
