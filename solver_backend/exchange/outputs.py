@@ -46,9 +46,9 @@ def probe(folder: Path) -> None:
 
 @contextmanager
 def unfinished_names(folder: Path) -> Iterator[str]:
-    """Yield an unguessable name prefix. Finally, remove all files and folders whose names start with it.
+    """Yield an unguessable name prefix. At the end, remove all files and folders with names that start with it.
 
-    Until then, a locked file shows other processes that the prefix is in use. The system releases the lock when this
+    While the prefix is in use, a locked file shows this to other processes. The system releases the lock when this
     process ends. Leftovers of processes that ended without cleaning up are removed first.
     """
     held = folder / f"{_PART}-{os.urandom(8).hex()}"
@@ -64,7 +64,7 @@ def unfinished_names(folder: Path) -> Iterator[str]:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a new folder in the system's temporary folder, and finally remove it."""
+    """Yield a new folder in the system's temporary folder, and remove it at the end."""
     from tempfile import gettempdir  # this module is imported when the add-on is registered, which should be fast
 
     place = Path(gettempdir())

@@ -270,7 +270,7 @@ def find_loop(
 
 
 def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tuple[int, int]]:
-    """Return (first frame, replaced frame) of each cycle, best first.
+    """Return the first and last frame of each cycle, best first. In a cycle, the first frame replaces the last one.
 
     Frame pairs are compared by the positions and velocities of the joints relative to the body's position and direction
     (Kovar et al. 2002, "Motion Graphs"), and by foot contacts. The nearest pairs are compared joint by joint.

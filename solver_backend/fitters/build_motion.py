@@ -31,7 +31,7 @@ def flagged(
     """Return (F,) bit flags that mark doubtful frames.
 
     Args:
-        normalised: (C, F, K) residuals in standard deviations, NaN where undetected.
+        normalised: (C, F, K) residuals of K points in C views, in standard deviations, NaN where undetected.
         seen: (F,) bool, true if enough views show the person.
         sigma: (F, J) standard deviation of each joint in metres, if known.
         lost: (F,) bool, true if a limb is lost (see ``lost_landmarks``).

@@ -212,7 +212,7 @@ def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ..
 
 
 def knows_layout(take: LabelledTake) -> bool:
-    """Return whether the network can name enough markers of this layout to label it."""
+    """Return whether the network recognises a take's marker layout: it names enough of the markers."""
     named = _named(take)
     return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_NETWORK_PLACES
 

@@ -58,7 +58,7 @@ class OtherSkin:
 
     @classmethod
     def of(cls, body: Body, motions: Sequence[Motion]) -> OtherSkin:
-        """Build the skin from motions of this body with the same frames."""
+        """Build the skin from the motions of other people with this body, over the same frames."""
         vertices = spread_vertices(body)
         normals = vertex_normals(body.v_template, body.faces)[vertices]
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)

@@ -211,7 +211,7 @@ def find_skin_contacts(
 def find_touching_people(
     subject: Subject, frames: PosedFrames, fps: float, others: OtherSkin, seen: np.ndarray
 ) -> SkinContacts | None:
-    """Find skin near or in other people. Return None if no point is deeper in them than ``DEEP_M``.
+    """Find skin points near or inside other people. Return None if no skin point is deeper inside than ``DEEP_M``.
 
     The skin is not fixed to other people, because they move. Frames outside the (F,) mask ``seen`` have no contacts.
     """

@@ -124,7 +124,7 @@ _SEGMENTS = HandSites(
 
 @dataclass(frozen=True)
 class Extra:
-    """Additional markers attached to a hand: their sites on the hand, and their columns in the unlabelled points."""
+    """Unlabelled points that were attached to a hand as markers: their sites on the hand, and their columns."""
 
     sites: HandSites
     columns: tuple[int, ...]

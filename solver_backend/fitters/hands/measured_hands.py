@@ -231,7 +231,7 @@ def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"]
 
 
 def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, "views frames"]:
-    """Return the image size (C, F) in pixels of one metre at (F, 3) positions."""
+    """Return the size (C, F) in pixels that one metre has in each view at the positions ``wrists`` (F, 3)."""
     cameras = views.cameras
     depth = project_with_jacobian(cameras, wrists)[2]
     return np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)
@@ -349,7 +349,10 @@ def hand_size(
 
 
 def likely_size(hands: Iterable[HandSize]) -> float:
-    """Return the most likely size ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)`` of hands. σ₀ is ``USUAL``."""
+    """Return the most likely size of several hands: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``.
+
+    s is a hand's size, and σ its standard deviation. σ₀ is ``USUAL``.
+    """
     known = [(1.0, USUAL**-2), *((hand.scale, hand.sigma**-2) for hand in hands)]
     return float(sum(scale * weight for scale, weight in known) / sum(weight for _, weight in known))
 
@@ -401,7 +404,7 @@ def measure_hands(
     settings: SolveSettings,
     size: float | None,
 ) -> MeasuredHands:
-    """Prepare both hands of a solved body for solving. A ``size`` of None is estimated from the measurements."""
+    """Prepare both hands of a solved body for solving. If ``size`` is None, it is estimated from the measurements."""
     arms, betas = arm_paths(solved), to_numpy(solved.subject.betas)
     left, right = unscaled = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
     hands = dict[int, MeasuredHand]()

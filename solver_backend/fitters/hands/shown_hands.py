@@ -51,7 +51,7 @@ def split_hands(
     """Split a cloud into body markers and hand markers, such as ``L_FT2``.
 
     An unknown marker that is always close to a hand marker belongs to the hand. A cloud without hand markers is
-    returned unchanged. ``own`` maps labels to user-assigned marker positions (see ``read_label_places``).
+    returned unchanged, with None. ``own`` maps labels to user-assigned marker positions (see ``read_label_places``).
     """
     labels = cloud.names
     found = hand_columns([own.get(label, label) for label in labels])

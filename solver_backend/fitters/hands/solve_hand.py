@@ -46,7 +46,7 @@ FLOOR = 1e-3  # Smallest precision of every unknown.
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
-    """Interpolate states in all frames of N windows, on the parabola through the three keyframes of each window."""
+    """Interpolate the states to all frames of N windows, with the parabola through each window's three keyframes."""
     triples = np.stack([keys[i : len(keys) - 2 + i : 2] for i in range(3)], axis=1)
     return (lagrange(rows.time) @ triples).reshape(-1, keys.shape[1])
 
@@ -226,7 +226,7 @@ class KeyModel:
     def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyframeNormalEquations]:
         """Return the cost and normal equations of a hand's keyframes.
 
-        They include the measurements, the wrist, the hand prior and the acceleration ``a_k`` at each keyframe:
+        The cost includes the measurements, the wrist, the hand prior and the acceleration ``a_k`` at each keyframe:
         ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``. h and h' are the times from
         keyframe k to the previous and to the next keyframe.
         """

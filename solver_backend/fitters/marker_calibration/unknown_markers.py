@@ -244,7 +244,7 @@ def _names_a_part(group: set[str]) -> bool:
 
 
 def mirrored_labels(label: str) -> set[str]:
-    """Return possible labels of the other side's marker, by swapping L, R, left or right."""
+    """Return possible labels of the corresponding marker on the other side. L and R, or left and right, are swapped."""
     prefix, colon, name = label.rpartition(SEPARATOR)
     turned = {pattern.sub(lambda found: _OTHER[found[0].lower()], name, count=1) for pattern in _SIDE}
     return {(prefix + colon + text).casefold() for text in turned} - {label.casefold()}

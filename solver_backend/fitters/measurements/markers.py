@@ -231,7 +231,8 @@ def measure_network_landmarks(
     ``network_file`` is as in ``chosen_network``.
 
     Raises:
-        NoDetections, CaptureInvalid: a frame has too few points for a person, or too many points for the network.
+        NoDetections, CaptureInvalid: no frame has enough points for a person, or a frame has too many points for the
+            network.
         JobInvalid: ``joints`` are requested, but the network does not estimate all of them.
     """
     # Imported here because the network's tables are read on import, and other methods do not need them.

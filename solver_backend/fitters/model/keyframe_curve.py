@@ -165,7 +165,7 @@ class KeyCotangents:
     residual: Array | None  # (W, k, 3 J), None if joints stay on the manifold.
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
-        """Return derivatives (K, n) w.r.t. keyframe tangents, summed over shared keyframes."""
+        """Return derivatives (K, n) w.r.t. keyframe tangents. The contributions of neighbouring windows are added."""
         xp = array_namespace(self.quat)
         parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
         if self.z is not None:

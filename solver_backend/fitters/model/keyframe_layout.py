@@ -115,7 +115,7 @@ class KeyframeLayout:
 
 
 def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
-    """Return windows of a frame range and its neighbours, and a mask of free keyframes.
+    """Return the windows of a frame range, with one more window on either side, and a mask of free keyframes.
 
     There are keyframes at the range's ends, at the pins, and at equal distances between them. The keyframes inside the
     range are free, except the pins. An end of the range is only free if it is also an end of the take. ``window`` is

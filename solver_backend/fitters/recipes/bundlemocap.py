@@ -67,7 +67,7 @@ class Window:
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
 
     def codes_cost(self, z: Array) -> tuple[float, Array | None]:
-        """Return an additional cost of codes (F, d), and its gradient. This method has none."""
+        """Return an additional cost of codes (F, d), and its gradient. The published method has no additional cost."""
         return 0.0, None
 
     def keys(self, state: KeyState) -> Keyframes:

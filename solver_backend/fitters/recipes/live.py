@@ -234,7 +234,7 @@ class LiveFit(PersonFollower):
 
 
 def fit_average_person() -> LiveFit:
-    """Create a fit for the built-in body that learns the person's shape."""
+    """Create a live fit of the built-in body, which learns the person's shape."""
     return LiveFit(load_body())
 
 
