@@ -24,11 +24,12 @@ _STEPS = 6  # Newton steps. Angles about oblique axes converge to 1e-12 in four.
 def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3"]:
     """Split rotations into angles (F, 3) in radians: ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)``.
 
-    The orders z-x-y, y-x-y and y-x-z have closed forms. Oblique axes close to z-x-y, such as the ankle's, start from
-    that form and use Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)``, with ``J`` from ``axes_in_parent``. The second angle is
-    between -90 and 90 degrees, or between -180 and 0 for y-x-y. The first and third are unwrapped, and their means are
-    within ±180 degrees. When a motion passes through gimbal lock, the first and third angle jump by 180 degrees. When
-    it circles around gimbal lock, they grow by 360 degrees per circle.
+    The orders z-x-y, y-x-y and y-x-z have closed forms. For oblique axes close to z-x-y, such as the ankle's, the
+    closed form of z-x-y gives the initial angles of Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)``, with ``J`` from
+    ``axes_in_parent``. The second angle is between -90 and 90 degrees, or between -180 and 0 for y-x-y. The first and
+    third angle are unwrapped, so that their means are within ±180 degrees. When a motion passes through gimbal lock,
+    the first and third angle jump by 180 degrees. When it circles around gimbal lock, they grow by 360 degrees per
+    circle.
     """
     if axes is ELEVATION:
         second = -np.arccos(np.clip(R[:, 1, 1], -1.0, 1.0))

@@ -46,9 +46,10 @@ def turn_covariance(
 ) -> Float[Array, "frames segments 3 3"]:
     """Return (F, S, 3, 3) covariances in rad² of each segment's rotation relative to its parent.
 
-    ``C = A P Aᵀ + c² I``, where P is the covariance of the pose. A sums the small rotations d_k of the joints between
-    the two segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the deviation in radians due to constant errors at both ends
-    of the segment's bone. C is in the axes of the parent segment's joint, or in world axes for the pelvis.
+    ``C = A P Aᵀ + c² I``, where P is the covariance of the pose. A maps a change of the pose to the rotation d of the
+    segment, the sum over the joints k between the two segments: ``d = Σ_k R_1 … R_{k-1} d_k``. c is the deviation in
+    radians due to constant errors at both ends of the segment's bone. C is in the axes of the parent segment's joint,
+    or in world axes for the pelvis.
 
     Args:
         local: rotations of joints 1..n.

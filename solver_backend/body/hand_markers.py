@@ -47,7 +47,7 @@ LEAST = 3  # Smallest number of markers on a hand. A single label such as LMP1 m
 
 
 def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
-    """Map the side and place of each hand marker to its column. Sides with fewer than ``LEAST`` are omitted."""
+    """Map the side and place of each hand marker to its column. Sides with under ``LEAST`` markers are omitted."""
     found: dict[int, dict[str, int]] = {0: {}, 1: {}}
     for column, label in enumerate(labels):
         if (place := hand_place(label)) is not None:

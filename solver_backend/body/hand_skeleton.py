@@ -271,7 +271,7 @@ class FingerGaps:
 def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
     """Measure how far capsules around finger bones overlap, ``r_a + r_b - d``, for (F, 21, 3) ``HAND_POINTS``.
 
-    r_a and r_b are the radii of two capsules, scaled by the palm's length, and d is the distance of their bones.
+    r_a and r_b are the radii of two capsules, scaled by the palm's length, and d is the distance between the two bones.
     """
     radius = np.repeat(RADIUS_M, 3)
     palm = np.linalg.norm(points[:, 9] - points[:, 0], axis=-1)[:, None]

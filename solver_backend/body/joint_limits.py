@@ -25,9 +25,9 @@ def excess_deg(local: Array) -> Array:
 def posture_excess_deg(local: Array) -> Array:
     """Return excess degrees (N, 21) as ``excess_deg`` does, but measure knees by the shin's direction.
 
-    People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, heels up). Near
-    180 degrees, a tilt of the knee's swing axis barely moves the shin sideways. The flexion of the knees is therefore
-    ``atan2(-d_z, -d_y)``, and their sideways angle is ``asin(d_x)``, with the shin's unit direction d.
+    People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, with raised
+    heels). Near 180 degrees, a tilt of the knee's swing axis barely moves the shin sideways. The flexion of the knees
+    is therefore ``atan2(-d_z, -d_y)``, and their sideways angle is ``asin(d_x)``, with the shin's unit direction d.
     """
     xp = array_namespace(local)
     if local.shape[0] > _POSES:

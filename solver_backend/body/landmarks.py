@@ -28,7 +28,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """L named points on the body: ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` with bones b."""
+    """L named points on the body: ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` with weights w, anchors a."""
 
     names: tuple[str, ...]
     weights: Float[np.ndarray, "landmarks joints"]  # (L, J) weight of each bone. Rows sum to 1.

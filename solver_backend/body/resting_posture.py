@@ -30,7 +30,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
     The trunk is upright on the pelvis, and the head is upright on the trunk. An upper arm hangs in the direction
     ``(o, -(max(-g_y, 0) + k), max(g_z, 0))`` in the chest's axes (left, up, front). g is the direction of gravity in
     these axes, o points away from the trunk, and k is ``ALONG_TRUNK``. The arm therefore points down while the trunk
-    leans forward, and never through or behind the trunk. Thighs hang from the pelvis in the same way.
+    leans forward, but never points into or behind the trunk. Thighs hang from the pelvis in the same way.
 
     Args:
         root: (F, 3, 3) body to world, Z up.

@@ -97,7 +97,7 @@ CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves w
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a motion and of the baseline on the same capture. None where data are missing."""
+    """Errors of a motion and of the baseline on the same capture. Values without data are None."""
 
     joints_mpjpe_mm: float  # Mean error of the joints that the motion and the truth share, usually SMPL's 24.
     joints_rmse_mm: float  # Mean over frames of the RMS joint error (thesis eq. 4.28).
@@ -255,7 +255,7 @@ def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndar
 
 
 def _moved_mpjpe_mm(found: np.ndarray, true: np.ndarray) -> float:
-    """Return the MPJPE in mm after one rigid alignment of the take, because each system has its own world."""
+    """Return the MPJPE in mm after one rigid alignment of the take, because the two have different worlds."""
     both = np.isfinite(true).all(-1) & np.isfinite(found).all(-1)
     if both.sum() < _LEAST_POINTS:
         return float("nan")

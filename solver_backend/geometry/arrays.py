@@ -94,8 +94,8 @@ def identity(size: int, like: Array, dtype: Any = None) -> Array:
 def unset(shape: tuple[int, ...], like: Array) -> Array:
     """Return an uninitialised array or tensor for large results, with the data type and device of ``like``.
 
-    On the CPU, NumPy allocates the memory in huge pages, also for torch. The first write to the small pages that torch
-    allocates takes five times as long.
+    On the CPU, NumPy allocates the memory even for torch tensors, because it uses huge pages. The first write to the
+    small pages that torch uses takes five times as long.
     """
     if device_of(like) is not None:
         return empty(shape, like)

@@ -259,7 +259,7 @@ def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
 
 
 def _product_by_keys(q: KeyWeights, r: KeyWeights, gram: Array) -> Array:
-    """Return derivatives of ``q·r`` by the keys of q as (..., n, n) coefficients. Row j gives ``rᵀ dq/dp_j``."""
+    """Return derivatives of ``q·r`` w.r.t. the keys of q as (..., n, n) coefficients. Row j gives ``rᵀ dq/dp_j``."""
     xp = array_namespace(gram)
     against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
     return q.weights[..., :, None] * r.weights[..., None, :] + sum_of_rows(against * q.mixing)

@@ -23,7 +23,7 @@ def astype(values: Any, dtype: Any, *, copy: bool = True) -> Any:
 
 
 def _on_cpu(create: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a NumPy function accept the standard's argument ``device`` and ignore it."""
+    """Let a NumPy function accept the array API standard's argument ``device`` and ignore it."""
 
     def call(*arguments: Any, device: Any = None, **given: Any) -> Any:
         return create(*arguments, **given)
@@ -32,7 +32,7 @@ def _on_cpu(create: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def clip(values: Any, min: Any = None, max: Any = None) -> Any:
-    """Clip the values to ``min`` and ``max``, where given."""
+    """Limit the values to at least ``min`` and at most ``max``, unless these are None."""
     return values if min is None and max is None else np.clip(values, min, max)
 
 

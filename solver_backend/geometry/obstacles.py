@@ -108,8 +108,8 @@ def read_obstacles(path: Path | str) -> Obstacles:
     """Read a file with planes, boxes and meshes, and add the floor z = 0.
 
     A plane has a ``point`` and a ``normal`` towards free space. A box has a ``centre``, a ``size`` and optionally a
-    rotation ``turn_deg`` about the vertical. A mesh is the relative path of a Wavefront OBJ file. All are in metres, Z
-    up. The path may also be an OBJ file, which is then the only mesh.
+    rotation ``turn_deg`` about the vertical. A mesh is the relative path of a Wavefront OBJ file. All lengths are in
+    metres, and Z points up. The path may also be an OBJ file, which is then the only mesh.
 
     Raises:
         FileDamaged: the file or a mesh is damaged, or a value is invalid.

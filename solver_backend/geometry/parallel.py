@@ -50,7 +50,8 @@ def _collected(results: Iterable[Result], done: Callable[[int], None]) -> list[R
 def usable_cores() -> int:
     """Return the number of cores that this process may use, at most ``MANIFOLD_MOCAP_THREADS``.
 
-    Batch jobs and containers limit the cores of a process. More threads than cores would evict each other's cache.
+    Batch jobs and containers limit the cores of a process. With more threads than cores, threads would evict each
+    other's data from the cache.
 
     Raises:
         CommandLineInvalid: the environment variable is not a positive whole number.

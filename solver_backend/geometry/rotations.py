@@ -231,7 +231,7 @@ def _length(v: Array) -> Array:
 
 
 def _coefficients(v: Array, *wanted: int) -> list[Array]:
-    """Return functions of ``θ = |v|``, selected by their numbers in ``exact``. Small angles use series."""
+    """Return the functions of ``θ = |v|`` with the numbers ``wanted``. Small angles use series."""
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SERIES_BELOW

@@ -28,7 +28,7 @@ VOLUME = 0.12  # Additional standard deviation between takes for a triple produc
 
 @dataclass(frozen=True)
 class ReferenceTake:
-    """Statistics of a labelled take with L markers: distances and orientations that do not change much."""
+    """Statistics of a labelled take with L markers: their distances and orientations relative to each other."""
 
     labels: tuple[str, ...]
     distance: np.ndarray  # (L, L) mean distances in metres, NaN for pairs that are never visible together.
@@ -307,7 +307,7 @@ def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
 
 
 def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.ndarray:
-    """Return how much better two takes of M markers agree (P,) if a pair of markers (P, 2) is swapped in one take.
+    """Return how much better two takes of M markers agree (P,) if one of P marker pairs (P, 2) is swapped in one take.
 
     The gain is ``Σ_c w_c [q(a, a) + q(b, b) - q(a, b) - q(b, a)]`` with ``q(x, y) = min(½ (d_xc - d'_yc)² / v_c, cap)``
     for a pair (a, b) and all other markers c. d and d' are the distances between markers in the two takes, v their
@@ -363,7 +363,7 @@ def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarr
 
 
 def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[float, float]:
-    """Return mean and variance of ``u · (v × w)`` for a marker pair and two other markers c and d."""
+    """Return mean and variance of ``u · (v × w)``: u is the pair's direction, and v and w point to markers c and d."""
     first, second = points[:, pair[0]], points[:, pair[1]]
     middle = 0.5 * (first + second)
     u, v, w = (unit(part) for part in (second - first, points[:, c] - middle, points[:, d] - middle))

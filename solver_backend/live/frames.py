@@ -73,7 +73,7 @@ def due_times(frames: int, fps: float, *, paced: bool, repeat: bool) -> Iterator
 
 
 def measured(points: np.ndarray) -> np.ndarray:
-    """Select the (N, 3) points that can be markers: finite, and within ``FARTHEST``."""
+    """Select the (N, 3) points that can be markers, which are finite and within ``FARTHEST``."""
     return points[(np.abs(points) < FARTHEST).all(-1)]
 
 

@@ -38,7 +38,7 @@ Fit = TypeVar("Fit", bound=PersonFollower)
 class SessionLoop(ABC, Generic[Shown, Fit]):
     """Base class of a live session for one person, with the clock, restarts and output lines.
 
-    A moment is one frame of the input: points, or detections in all views. Subclasses fit the body to it.
+    A moment is one frame of the input: points, or detections in all views. Subclasses fit the body to each moment.
     """
 
     def __init__(self, fit: Fit) -> None:
@@ -298,7 +298,7 @@ class PointTracks:
         return evidence
 
     def _matched(self, points: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N,) track of each point, or -1. A point and its track must be nearest to each other."""
+        """Return the (N,) track of each point, or -1 for none. A point and its track must be nearest to each other."""
         found = np.full(len(points), -1)
         if not len(self.position) or not len(points):
             return found

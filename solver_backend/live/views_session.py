@@ -82,8 +82,8 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
     ) -> None:
         """Create a session. The cameras move to the person's world as soon as its floor and up axis are known.
 
-        ``betas`` (10,) is the shape of a known person. If the calibration has no ``up_axis``, Z or the axis along which
-        the person stands points up.
+        ``betas`` (10,) is the shape of a known person. ``up_axis`` is the calibration's up axis. If it is None, the up
+        axis is Z or the axis along which the person stands.
         """
         super().__init__(LiveViewsFit(load_body(), cameras, joint_set, betas))
         self.cameras, self.joint_set, self.world, self.up_axis = cameras, joint_set, world, up_axis
@@ -218,7 +218,7 @@ def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | No
 
 
 def _middle(cameras: Cameras) -> np.ndarray:
-    """Return the (3,) point closest to all optical axes: ``min Σ |(I - d dᵀ)(x - c)|²``."""
+    """Return the (3,) point x closest to all optical axes d through c: ``min Σ |(I - d dᵀ)(x - c)|²``."""
     d = cameras.R[:, 2]
     across = np.eye(3) - d[:, :, None] * d[:, None, :]
     centres = -np.einsum("cij,ci->cj", cameras.R, cameras.t)

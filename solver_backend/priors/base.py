@@ -108,7 +108,7 @@ def check_codes(z: Array, latent_dim: int) -> None:
 
 
 def in_own_columns(blocks: Array) -> Array:
-    """Arrange derivatives (N, 21, 3, k) of joints w.r.t. their own k parameters as a Jacobian (N, 21, 3, 21 k)."""
+    """Arrange the joints' derivatives (N, 21, 3, k) w.r.t. their own k parameters as a Jacobian (N, 21, 3, 21 k)."""
     xp = array_namespace(blocks)
     own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], blocks)
     return xp.reshape(own * blocks[:, :, :, None, :], (*blocks.shape[:3], NUM_BODY_JOINTS * blocks.shape[3]))

@@ -391,7 +391,7 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
 
 
 def in_metric(quats: Array, gradient: Array) -> Array:
-    """Convert a gradient (N, 21, 4) to the metric of ``pose_distance``: the tangent part times ``2/w_k``.
+    """Convert a gradient (N, 21, 4) to the metric of ``pose_distance``: its tangent part times ``2/w_k``.
 
     Where the field is an exact distance, the result has length 1 in this metric.
     """

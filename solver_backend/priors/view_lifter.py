@@ -47,7 +47,7 @@ def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray
 
 
 def dense(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
-    """Apply ``W x + b`` to the last axis. Omit b if there is none."""
+    """Apply ``W x + b`` to the last axis. Omit b if the network has none."""
     product = times_transposed(x.reshape(-1, x.shape[-1]), arrays[name + ".weight"])
     bias = arrays.get(name + ".bias")
     if bias is not None:
@@ -197,11 +197,11 @@ class ViewLifter:
         return int(self.arrays["place"].shape[-1])
 
     def output(self, hidden: np.ndarray) -> np.ndarray:
-        """Return the (N, 89) output for the (N, d) features of windows."""
+        """Return the network's (N, 89) output for the (N, d) features before the last layer."""
         return np.asarray(dense(self.arrays, hidden, "out"), dtype=float)
 
     def hidden(self, tokens: np.ndarray) -> np.ndarray:
-        """Return the (N, d) float32 features before the last layer for (N, 27, 62) tokens."""
+        """Convert (N, 27, 62) input tokens to the (N, d) float32 features before the last layer."""
         blocks = [self._hidden(tokens[first : first + _BLOCK]) for first in range(0, len(tokens), _BLOCK)]
         return np.concatenate(blocks) if blocks else np.zeros((0, self.width), np.float32)
 

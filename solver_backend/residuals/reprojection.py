@@ -50,7 +50,7 @@ class ReprojectionTerm:
         return replace(self, cameras=self.cameras.at(frames), xy=xy, weight=weight, confidence=confidence)
 
     def astype(self, precision: Any) -> ReprojectionTerm:
-        """Convert the term to a floating-point precision. Use at least single precision (0.0001 px)."""
+        """Convert the term to a floating-point precision. Use at least single precision, which resolves 0.0001 px."""
         xy, weight, confidence = (astype(a, precision) for a in (self.xy, self.weight, self.confidence))
         return ReprojectionTerm(self.cameras.astype(precision), xy, weight, confidence, self.penalty)
 

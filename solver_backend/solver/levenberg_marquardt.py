@@ -164,7 +164,7 @@ def levenberg_marquardt(
     Otherwise, λ grows (Levenberg 1944, Marquardt 1963). A problem may return the costs of its P consecutive parts, each
     with its own λ. A step is still accepted or rejected as a whole. A part is harmed if it or the previous part becomes
     worse, because they share unknowns. λ does not shrink for harmed parts after an accepted step, and grows only for
-    harmed parts after a rejected one. The minimisation ends when a step promises too little (Moré 1978).
+    harmed parts after a rejected one. The minimisation ends when the predicted decrease is too small (Moré 1978).
 
     Args:
         linearise: maps a state to the (B,) costs of problems, or (B, P) of their parts, and to the normal equations.

@@ -18,7 +18,7 @@ _LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit in 32-bit integ
 
 @dataclass(frozen=True)
 class CameraPath:
-    """Motion in F frames of cameras that are fixed to each other: ``x_start = R @ x_world + t``."""
+    """Motion of a rigid group of cameras in F frames: ``x_start = R @ x_world + t``."""
 
     R: Any  # (F, 3, 3) rotations from the world to the axes to which the cameras are fixed.
     t: Any  # (F, 3) translations in metres.

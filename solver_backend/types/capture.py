@@ -324,7 +324,7 @@ class Capture:
         raise PersonUnknown(f"The capture has no person '{name}'.", where=self.name, hint=hint)
 
     def frames(self, start: int, stop: int) -> Capture:
-        """Return the frames from ``start`` to ``stop`` - 1, with ground truth and footage."""
+        """Return the capture's frames from ``start`` to ``stop`` - 1, including ground truth and footage."""
 
         def cut(values: np.ndarray) -> np.ndarray:  # (F, ...) or (C, F, ...)
             axis = next((n for n, size in enumerate(values.shape[:2]) if size == self.num_frames), None)

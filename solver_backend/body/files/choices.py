@@ -41,7 +41,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
 
 
 def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
-    """Return axis-angles (r, 3) of the joints that are not solved: relaxed fingers, and 0 for jaw and eyes."""
+    """Return axis-angles (r, 3) of the r unsolved joints, or None for SMPL: relaxed fingers, and 0 for other joints."""
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):

@@ -121,7 +121,7 @@ def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
 
 @dataclass(frozen=True)
 class Blobs:
-    """N bright blobs in an infrared image that consist of P pixels."""
+    """N bright blobs in an infrared image. The blobs consist of P pixels in total."""
 
     pixel: np.ndarray  # (P,) flat pixel indices.
     owner: np.ndarray  # (P,) index of the blob that each pixel belongs to.

@@ -240,7 +240,7 @@ class SensorRecorder:
 def due_frames(
     times: np.ndarray, start: float | None, *, repeat: bool = False
 ) -> Iterator[tuple[int, int, float, float]]:
-    """Yield index, lap, device time and host time of each replayed frame when it is due.
+    """Yield the index, repetition, device time and host time of each replayed frame when it is due.
 
     ``times`` are (F,) seconds on the device's clock. ``start`` is the host time (``time.perf_counter``) of time 0. None
     yields all frames at once. With ``repeat``, playback restarts after the end, and times continue to increase.

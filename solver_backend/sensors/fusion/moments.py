@@ -256,7 +256,7 @@ def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints:
-    """Fuse markers within ``radius_m`` to their mean, as in the published method."""
+    """Fuse markers within ``radius_m`` to their mean, as in "Noise-In, Bias-Out", appendix K."""
     deep = [np.isfinite(s.depth) for s in sightings]
     points = np.concatenate([np.zeros((0, 3)), *(s.points[d] for s, d in zip(sightings, deep, strict=True))])
     covariance = np.concatenate([np.zeros((0, 3, 3)), *(s.covariance[d] for s, d in zip(sightings, deep, strict=True))])

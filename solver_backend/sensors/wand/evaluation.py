@@ -30,7 +30,7 @@ class WandOptions:
 
 @dataclass(frozen=True)
 class WandCalibration:
-    """Result of a wand calibration, in the first sensor's axes or in the world of a Γ."""
+    """Result of a wand calibration, in the first sensor's axes or in the world of a Γ of markers on the floor."""
 
     array: CalibratedCameras
     clocks: Clocks

@@ -78,7 +78,8 @@ def ground_from_gamma(
     """Compute the up axis, floor and origin from the robust mean of the points that match a Γ.
 
     Each cloud contains the (N, 3) points of one frame in metres, including any other points. Up is ``u × v / |u × v|``
-    for the long edge u and the short edge v. The (C, 3) sensors must be above the floor, which reveals a mirrored Γ.
+    for the long edge u and the short edge v. The sensors' positions (C, 3) reveal a mirrored Γ, because they must be
+    above the floor.
 
     Raises:
         GammaNotFound: too few clouds contain the Γ.

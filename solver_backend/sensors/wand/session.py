@@ -451,7 +451,7 @@ def _task(views: Sequence[WandView], moments: Moments, options: WandOptions, del
 
 
 def _later(clocks: Clocks, found: Adjusted) -> Clocks:
-    """Add the estimated delays δ to the clocks. At time t, a late sensor shows the scene at ``t + δ``."""
+    """Add the estimated delays δ to the clocks. An image with the time t shows the scene at ``t + δ``."""
     count = len(found.cameras)
     variance = np.diag(found.covariance).reshape(count, CAMERA_PARAMETERS)[:, -1]
     covariance = np.zeros((count, 2, 2))

@@ -224,7 +224,7 @@ LONGEST_GAP = 1.5  # Longest interval across which values are interpolated, in u
 def values_and_velocities(
     values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate a track (F, ...) at other times, and return its velocity at the nearest frames.
+    """Interpolate a track (F, ...) at other times. Also return the track's velocity at the nearest frames.
 
     Cubic Hermite polynomials interpolate between frames, with central differences as slopes (Catmull and Rom 1974).
     Results are NaN if a required frame is missing.
