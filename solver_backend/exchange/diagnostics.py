@@ -170,7 +170,7 @@ def _plain(value: Any) -> Any:
 
 
 def merge(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Merge diagnostics that differ only in frames and figures, and keep the first one's figures."""
+    """Merge diagnostics that differ only in frames and figures. The figures of the first one are kept."""
     kept: dict[str, Diagnostic] = {}
     for item in found:
         names = sorted((key, str(value)) for key, value in item.values.items() if not isinstance(value, int | float))

@@ -100,7 +100,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Seam:
-    """Difference in pose and velocity between frames of two motions."""
+    """Difference in pose and velocity between a frame of one motion and a frame of another motion."""
 
     placement: Placement  # Rigid motion from the second motion's ground to the first motion's.
     turns: np.ndarray  # (J, 3) rotation vectors in radians, relative to each joint.
@@ -197,12 +197,12 @@ def _aligned(before: MotionFile, at: int, after: MotionFile, start: int) -> Plac
 
 
 def blend_end(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
-    """Add half of a seam's difference to the end of the first motion. The difference fades in."""
+    """Correct the end of the first motion by half of a seam's difference. The correction fades in."""
     return _offset(motion, seam, (np.arange(motion.num_frames) - (motion.num_frames - 1)) / motion.fps, -0.5, blend_s)
 
 
 def blend_start(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
-    """Add half of a seam's difference to the start of the second motion. The difference fades out."""
+    """Correct the start of the second motion by half of a seam's difference. The correction fades out."""
     back = seam.placement.turn.T
     own = replace(seam, shift=back @ seam.shift, velocity=back @ seam.velocity)
     return _offset(motion, own, np.arange(motion.num_frames) / motion.fps, 0.5, blend_s)

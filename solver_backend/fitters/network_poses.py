@@ -58,7 +58,7 @@ class NetworkPoses(Layer):
 
 @dataclass(frozen=True)
 class _View:
-    """View of one camera with L points, of which the first have keypoints."""
+    """View of one camera, with keypoints for the first of the L landmarks."""
 
     name: str
     R: np.ndarray  # (3, 3) from the world to the camera.
@@ -256,8 +256,9 @@ def _lengths(points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
 def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray:
     """Return the RMS distances (F,) of points from their viewing rays in metres per axis, NaN with too few points.
 
-    The distance is ``min_{s, t} Σ w |x - s p_xy - t|²`` divided by the best s (weak perspective), for keypoints x with
-    weights w, and points p with scale s and shift t. ``points`` (F, L, 3) belong to the take's ``frames`` (F,).
+    The camera model is weak perspective: ``Σ w |x - s p_xy - t|²`` is minimised over a scale s and a shift t. x are the
+    keypoints, w their weights, and p the points. The distance is the RMS residual divided by s. ``points`` (F, L, 3)
+    belong to the take's ``frames`` (F,).
     """
     x, w = view.image[frames], np.where(np.isfinite(points).all(-1), view.weight[frames], 0.0)
     x, p = np.where(w[..., None] > 0, x, 0.0), np.where(w[..., None] > 0, points[..., :2], 0.0)

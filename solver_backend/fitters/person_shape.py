@@ -338,10 +338,10 @@ def with_window_variances(
     """Return the term with a noise variance for every landmark in each window of ``WINDOW_S``.
 
     ``v_lw = (Σ_{f in w} |r_lf|²/3 + n v_l) / (Σ_{f in w} (1 - h) + n)`` over the inliers, in units of the variance
-    assumed so far. v_l is computed in the same way from the whole take, with the mean landmark as prior. This is the
-    maximum likelihood of the log-variances (thesis eqs. 5.2, 5.3 and Kendall and Gal 2017, eq. 8) in closed form, under
-    inverse-gamma priors. h is the share of a landmark's error that the body absorbs: unknowns per measured coordinate.
-    Values below the assumed level are not used, because a solution's residuals are always smooth.
+    assumed so far. v_l is computed in the same way from the whole take, with the mean over all landmarks as prior. This
+    is the maximum likelihood of the log-variances (thesis eqs. 5.2, 5.3 and Kendall and Gal 2017, eq. 8) in closed
+    form, under inverse-gamma priors. h is the share of a landmark's error that the body absorbs: unknowns per measured
+    coordinate. Values below the assumed level are not used, because a solution's residuals are always smooth.
 
     Args:
         term: landmarks that are measured once in each of the F frames.

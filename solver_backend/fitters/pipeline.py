@@ -173,7 +173,7 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
 
 
 def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
-    """Yield warnings about settings that the method, its layers or a single camera ignore."""
+    """Yield warnings about settings that have no effect with this method or with a single camera."""
     read = {name for layer in measured.layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
     if idle:

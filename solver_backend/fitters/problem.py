@@ -227,7 +227,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Convergence of a solve at its last robust scale. Its parts, such as windows, are solved separately."""
+    """Convergence of a solve at its last robust scale. A solve may have several parts, such as windows."""
 
     parts: int
     converged: int  # Number of parts whose cost is stable.

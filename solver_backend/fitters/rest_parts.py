@@ -300,9 +300,10 @@ def resting_shares(
     A landmark determines a part if its lever about the part's first joint is at least the lever in ``LEADS``.
     ``pinned`` frames determine every part. All other weights depend on the time to the nearest frame that determines
     the part. The weight of the rest pose is ``3 u² - 2 u³``, where u rises from 0 to 1 within ``FADE_S``, beginning
-    after ``HOLD_S``. The weight of the variance rises within ``UNKNOWN_S``: with the square of time before the first
-    and after the last such frame, and with the third power between such frames, where it is at most ``BETWEEN``. It is
-    at least the weight of the rest pose. Frames outside ``seen`` (F,) do not place the body and are interpolated.
+    after ``HOLD_S``. The weight of the variance rises within ``UNKNOWN_S``. Before the first and after the last frame
+    that determines the part, it rises with the square of time. Between two frames that determine the part, it rises
+    with the third power of time, up to ``BETWEEN``. It is at least the weight of the rest pose. Frames outside ``seen``
+    (F,) do not place the body and are interpolated.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
     frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})

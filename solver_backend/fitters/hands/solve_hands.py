@@ -260,7 +260,7 @@ def follow_hand(
     turn: Float[np.ndarray, "frames 3"],
     shift: Float[np.ndarray, "frames 3"],
 ) -> PosedFrames:
-    """Rotate and shift one wrist, and adjust the arm to it.
+    """Rotate and shift one wrist, and adjust the joints of the arm.
 
     ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))`` are the smallest rotations of the arm's joints that shift the wrist p by
     δ (Whitney 1969). J is the wrist's derivative, W weights the joints, and λ is ``LOADING_M2``.

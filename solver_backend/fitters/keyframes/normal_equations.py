@@ -199,7 +199,8 @@ class BundleModel:
     ) -> PosedFrames:
         """Return the poses in the given frames, by default in all frames of the layout.
 
-        Poses are on the curves of single windows (in the solver) or on the spline of control points (in the result).
+        If ``spline`` is true, the keyframes are control points of a spline over all windows, as in the result.
+        Otherwise, each window has its own curve, as in the solver.
         """
         turned = bool(self.free.turned)
         return key_poses(self.prior, keys, layout, frames, residuals=turned, spline=spline, screw=self.screw)
@@ -526,8 +527,8 @@ class ResidualRotationTerm:
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         """Add the term's normal equations at these keyframes in place.
 
-        The second difference at a window boundary would couple keyframes of two windows. The matrix replaces this
-        product by an upper bound from squares.
+        The second difference at a window boundary couples keyframes of two windows, which the matrix cannot contain. It
+        is replaced by an upper bound that contains only squares.
         """
         scaled, m = self._scaled(keys), self.steadiness
         _, weight = geman_mcclure(scaled * scaled, self.reach)

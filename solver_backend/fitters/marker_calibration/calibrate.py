@@ -277,7 +277,7 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
 
 
 def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray:
-    """Estimate the deviations (L,) of marker positions in metres, without tracker noise Σ.
+    """Estimate the standard deviations (L,) in metres of marker positions, excluding the tracker noise Σ.
 
     ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, computed
     with a few steps of Fisher scoring. For Σ = 0 it simplifies to ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)``. r is the

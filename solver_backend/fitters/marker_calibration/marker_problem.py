@@ -77,7 +77,7 @@ FREE_M = {"BAC": 0.25, "SACR": 0.16}  # The same for freely chosen positions: th
 
 
 def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
-    """Return the markers that are too far from their locations, farthest first.
+    """Return the markers that are too far from their usual locations on the body, farthest first.
 
     Joint centres and markers known only by their bone have no expected position.
     """
@@ -110,7 +110,9 @@ LEAST_FRAMES = 4  # Smallest number of frames in a take that show a marker.
 
 
 def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray) -> list[tuple[int, float, int, int]]:
-    """Find markers at different positions in two takes. Return each with the distance and the two takes.
+    """Find markers that are at different positions on the body in two takes.
+
+    Return each marker, the distance between its two positions in metres, and the two takes.
 
     A marker's position in a take is the median of ``Gᵀ (x - p)`` over the calibrated frames, where p and G are the
     position and rotation of the landmark's main bone. ``points`` (F, M, 3) are the takes' markers in metres, NaN where

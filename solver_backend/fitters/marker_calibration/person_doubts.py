@@ -150,10 +150,11 @@ LARGEST, SLACK_M = 1.45, 0.15
 def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
     """Check that the markers are not two groups that are farther apart than a body can reach.
 
-    The groups are separated at the longest edge of the minimum spanning tree of median distances. Then the pairs across
-    the gap with the smallest distances d along the skeleton are compared. The groups are on different bodies if every
-    pair is farther apart than ``LARGEST d + SLACK_M``. ``offsets`` are (L, 3) in metres, from the markers' locations in
-    the rest pose of an average body. Markers known only by their bone and without an offset are not compared.
+    The groups are separated at the longest edge of the minimum spanning tree of median distances. Of the marker pairs
+    with one marker in each group, those with the smallest distances d along the skeleton are compared. The groups are
+    on different bodies if every pair is farther apart than ``LARGEST d + SLACK_M``. ``offsets`` are (L, 3) in metres,
+    from the markers' locations in the rest pose of an average body. Markers known only by their bone and without an
+    offset are not compared.
 
     Raises:
         MarkersUnknown: the groups are too far apart.

@@ -82,7 +82,10 @@ def among(
 
 
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
-    """Return the weight of a gap's first end at frame t of n: ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``."""
+    """Return the weights of the error at the start of a gap of n frames, in frame t = 1 to n.
+
+    ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)`` is the weight for a correlation time τ in frames.
+    """
     away, span = times / lasting, (length + 1) / lasting
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # cannot overflow in long gaps
 

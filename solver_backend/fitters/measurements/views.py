@@ -95,7 +95,7 @@ class ViewPoints(_Points):
         return error, {"reprojection_median_px": float(median), "reprojection_rmse_px": float(rmse)}
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
+        """Return the standard deviations (J,) in metres of constant joint errors (see ``PointSource``)."""
         return np.full(layout.num_joints, CONSTANT_M)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
@@ -167,7 +167,7 @@ class LocatedPoints(_Points):
         }
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
+        """Return the standard deviations (J,) in metres of constant joint errors (see ``PointSource``)."""
         parts = [name.removeprefix("left_").removeprefix("right_") for name in layout.joints]
         known = OF_MARKERS_M if self.calibrated else {}
         return np.array([known.get(part, CONSTANT_M) for part in parts])
@@ -281,7 +281,7 @@ def measurements_of(
 
 
 def with_meant_confidence(capture: Capture, path: str) -> Capture:
-    """Convert a capture's confidences with a detector's noise map, and add a note about it.
+    """Convert a capture's confidences with a detector's noise map, and add a note about the conversion.
 
     Raises:
         JobInvalid: the capture has no keypoints, or its confidences have already been converted.

@@ -284,7 +284,7 @@ class KeyframeCurve:
 
 
 def turns_of(by_joints: Array, layout: StateLayout) -> Array:
-    """Select the derivatives (K, n) w.r.t. a layout's rotation vectors from derivatives w.r.t. all joints (K, 3 J)."""
+    """Select the derivatives (K, n) w.r.t. a layout's rotation vectors from derivatives (K, 3 J) w.r.t. all joints."""
     if layout.turned == tuple(range(by_joints.shape[1] // 3)):
         return by_joints
     columns = 3 * np.array(layout.turned, dtype=int)[:, None] + np.arange(3)

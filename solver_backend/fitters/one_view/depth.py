@@ -331,7 +331,7 @@ class OneCamera(PointSource):
         return self.views.report(points)
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return deviations (J,) of constant joint errors in metres (see ``PointSource``)."""
+        """Return the standard deviations (J,) in metres of constant joint errors (see ``PointSource``)."""
         return self.views.constant_m(layout)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:

@@ -171,7 +171,7 @@ def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
 
 
 def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each frame the last standing frame up to it, or -1, and the next standing frame, or F."""
+    """For each frame, return the last standing frame up to it (-1 if none), and the next standing frame (F if none)."""
     number = np.arange(len(stands))
     after = np.minimum.accumulate(np.where(stands, number, len(stands))[::-1])[::-1]
     return np.maximum.accumulate(np.where(stands, number, -1)), after

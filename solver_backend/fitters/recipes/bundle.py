@@ -295,8 +295,8 @@ def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
 def hold_skin(bundle: Bundle) -> Bundle:
     """Solve again with the skin outside the floor, objects and other people.
 
-    Skin is fixed where it touches the floor or objects. If the measurements contradict the result, the other people are
-    ignored. If this is not enough, the objects are ignored instead, and then also the floor.
+    Skin is fixed where it touches the floor or objects. If the measurements contradict the result, fewer surfaces are
+    used: first no other people, then no objects, and finally no floor.
     """
     if not holds_skin(bundle.problem, bundle.settings):
         return bundle
@@ -371,7 +371,7 @@ def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
 
 
 def plan_one_view(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan the passes for one camera: one on the prior's manifold, then others off it with planted feet kept in place.
+    """Plan the passes for one camera: one on the prior's manifold, then two off it with fixed planted feet.
 
     Shape, bias and noise are not learned, because with one camera they would absorb every depth error.
     """
