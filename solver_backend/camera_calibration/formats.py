@@ -112,7 +112,7 @@ def colmap_texts(cameras: Cameras) -> dict[str, str]:
 
 
 def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
-    """Return the name and coefficients of the COLMAP lens model that has separate focal lengths for x and y."""
+    """Return COLMAP's name and coefficients for a lens. The model has separate focal lengths for x and y."""
     for name, focals, places in LENS_MODELS[model].colmap:
         if focals == 2 and len(places) >= LEAST_TERMS and not np.delete(terms, places).any():
             return name, terms[list(places)]

@@ -156,8 +156,8 @@ def with_sizes_of(
     """Scale a calibration to the pixels of the detections, using the image sizes of the videos.
 
     A camera without a stated image size uses the size of its video. If the video and the calibration have the same
-    aspect ratio and the detections fit only the video, the calibration is scaled. Other differences are reported,
-    unless a codec padded the images at the right and bottom.
+    aspect ratio and the detections only fit the video's image size, the calibration is scaled. Other differences in
+    size are reported, unless a codec padded the images at the right and bottom.
     """
     cameras, notes, problems = calibration.cameras, list(calibration.notes), list(calibration.problems)
     guessed: list[str] = []

@@ -85,7 +85,7 @@ def _drift(motion: Motion, feet: np.ndarray) -> Iterator[Diagnostic]:
 
 
 def _is_moving_in_stances(feet: np.ndarray, fps: float, change: float) -> bool:
-    """Return whether standing feet follow the height change of the take, as in a drift.
+    """Return whether planted feet rise or sink together with the whole body, as in a drift of the world.
 
     During a stance, a foot on stairs is still, whereas in a drift it moves with the body. Without stances, the two
     cannot be distinguished.

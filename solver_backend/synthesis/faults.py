@@ -92,7 +92,7 @@ OPTICAL_MARKERS = MarkerFaults(measurement_mm=0.3, placement_mm=8.0, skin_mm=1.5
 
 
 def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
-    """Return noise (C, F, ...) of unit variance: ``x_t = a x_{t-1} + sqrt(1 - a²) e_t``."""
+    """Return noise (C, F, ...) of unit variance, ``x_t = a x_{t-1} + sqrt(1 - a²) e_t``, with white noise e."""
     noise = rng.normal(size=shape)
     for f in range(1, shape[1]):
         noise[:, f] = correlation * noise[:, f - 1] + np.sqrt(1 - correlation**2) * noise[:, f]

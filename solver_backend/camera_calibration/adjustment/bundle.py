@@ -217,7 +217,7 @@ class _Task:
         return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
 
     def lens_change(self, cameras: Cameras) -> np.ndarray:
-        """Return how far the lens ``PARAMETERS`` (C, 12) are from their initial values."""
+        """Return the steps (C, 12) of the lens ``PARAMETERS`` from their initial values (see ``lens.moved``)."""
         before, after = (c.K[:, [0, 1], [0, 1]] for c in (self.start, cameras))
         centre = (cameras.K[:, :2, 2] - self.start.K[:, :2, 2]) / before
         bent = cameras.distortion - self.start.distortion

@@ -60,7 +60,7 @@ def lens_of(cameras: Cameras, index: int) -> Lens:
 
 
 def lens_mask(fitted: Sequence[int] | np.ndarray = (), *, centre: bool = False) -> Bool[np.ndarray, " 12"]:
-    """Mask the ``PARAMETERS`` to estimate: focal lengths, the ``fitted`` coefficients, and optionally the centre."""
+    """Return a mask of the ``PARAMETERS`` to fit: focal lengths, ``fitted`` coefficients, and optionally the centre."""
     mask = np.zeros(PARAMETERS, bool)
     mask[:2], mask[2:4], mask[[4 + i for i in fitted]] = True, centre, True
     return mask

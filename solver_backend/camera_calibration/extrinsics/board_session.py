@@ -136,7 +136,7 @@ def placed_boards(
     """Return the board's pose in each frame, and all observed board points.
 
     The pose in a frame comes from the camera that sees most board points. If ``fps`` is given, image velocities are
-    estimated. A point with an unknown velocity gets a small weight.
+    estimated. A point with an unknown velocity gets a small weight. ``moments`` are the frames with a sighting.
     """
     number = {frame: i for i, frame in enumerate(moments)}
     best: dict[int, tuple[int, Pose]] = {}
@@ -309,7 +309,7 @@ def _measured_lenses(
 ) -> dict[str, CameraLens]:
     """Calibrate each unknown lens from its intrinsic footage, or else from the extrinsic footage.
 
-    All lenses get the distortion model of the known lenses, or else the model with the best prediction.
+    All lenses get the distortion model of the known lenses, or else the model that ``choose_family`` selects.
     """
     wanted = [name for name in footage.extrinsic if name not in known]
     found = calibrate_lenses({n: footage.lens[n] for n in wanted if n in footage.lens}, board, options, progress)

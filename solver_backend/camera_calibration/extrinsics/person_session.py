@@ -305,7 +305,7 @@ def _best_of(
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
-    """Refine calibrated cameras to fit a take. Return them unchanged if the error decreases too little.
+    """Refine calibrated cameras to fit a take. Return the given cameras if the error decreases too little.
 
     The result is aligned with the cameras that have not moved (see ``align_cameras``). This reveals the moved cameras.
     """

@@ -184,7 +184,7 @@ def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
-    """Transform cameras to the world of the known positions. Without known positions, return them unchanged."""
+    """Transform cameras to the world of the known positions. Without known positions, the cameras stay unchanged."""
     xy, known = click_tables(cameras, clicks)
     if not np.isfinite(known).any():
         return cameras

@@ -181,7 +181,7 @@ def resected_pose(
         scale: normalised distance above which a point loses weight.
 
     Returns:
-        Rotation (3, 3), translation (3,), and the fraction of points with an error below three scales.
+        Rotation (3, 3), translation (3,), and the fraction of points with an error below three times ``scale``.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.
     """

@@ -206,10 +206,10 @@ def _held_out(
 
 
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Choose the distortion model that predicts best for all cameras, or None if none suits every camera.
+    """Choose the distortion model that best predicts held-out images. Return None if no model suits every camera.
 
-    The best model minimises ``Σ n log σ`` over the cameras. σ is the smallest held-out error in px, and n is the number
-    of images.
+    The best model minimises ``Σ n log σ`` over the cameras. For each camera, σ is the held-out error in px, and n is
+    the number of images.
     """
     costs: dict[str, float] = {}
     for family in sorted({LENS_MODELS[name].distortion_model for name in models}):

@@ -80,7 +80,7 @@ def _nodes(stem: str, tree: Any, shared: Values) -> Content:
 
 
 def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
-    """Return a camera's values under our names, its length unit and its up axis, or None if the node is no camera."""
+    """Return a camera's values with our keys, its length unit and its up axis, or None if the node is no camera."""
     if not isinstance(node, Mapping):
         return None
     for convert, unit, up_axis in _CAMERAS:
@@ -175,9 +175,10 @@ def _seen(values: Values, f: tuple[float, float], centre: tuple[float, float], E
 
 # Programs that use different names for a camera's values.
 def _unity(values: Values) -> Values | None:
-    """Read a Unity camera: ``position`` in metres, and ``rotation`` as a quaternion or in degrees.
+    """Read a Unity camera, or return None for other cameras.
 
-    The lens is a vertical ``fieldOfView`` in degrees, or ``focalLength`` with ``sensorSize`` and ``lensShift``.
+    The pose is ``position`` in metres, and ``rotation`` as a quaternion or in degrees. The lens is a vertical
+    ``fieldOfView`` in degrees, or ``focalLength`` with ``sensorSize`` and ``lensShift``.
     """
     known = {plain(key): value for key, value in values.items()}
     if not _UNITY_LENS & known.keys():
@@ -206,9 +207,10 @@ def _unity(values: Values) -> Values | None:
 
 
 def _blender(values: Values) -> Values | None:
-    """Read a Blender camera with ``matrix_world``, or with ``location`` and a rotation.
+    """Read a Blender camera, or return None for other cameras.
 
-    The lens is ``lens`` and ``sensor_width`` in mm with ``sensor_fit``, or ``angle`` in radians. Shifts are applied.
+    The pose is ``matrix_world``, or ``location`` and a rotation. The lens is ``lens`` and ``sensor_width`` in mm with
+    ``sensor_fit``, or ``angle`` in radians. Lens shifts are applied.
     """
     if not {"matrix_world", "rotation_euler", "rotation_quaternion"} & values.keys():
         return None
@@ -250,7 +252,7 @@ def _fit3d(values: Values) -> Values | None:
 
 
 def _opencap(values: Values) -> Values | None:
-    """Read an OpenCap camera. Its ``imageSize`` is (height, width) or (width, height)."""
+    """Read an OpenCap camera, or return None. Its ``imageSize`` is (height, width) or (width, height)."""
     if not {"intrinsicMat", "rotation", "translation"} <= values.keys():
         return None
     K = numbers(values["intrinsicMat"], "intrinsicMat")
@@ -302,7 +304,7 @@ def _multical(tree: Values) -> Content | None:
 
 
 def _mccalib(tree: Values) -> Content | None:
-    """Read MC-Calib's cameras. A pose converts from the camera to the world of its camera group."""
+    """Read MC-Calib's cameras, or return None. A pose converts from the camera to the world of its camera group."""
     nodes = [(str(k), v) for k, v in tree.items() if isinstance(v, Mapping) and "camera_pose_matrix" in v]
     if "nb_camera" not in tree or not nodes:
         return None
@@ -330,7 +332,7 @@ def _has_nine_numbers(value: Any) -> bool:
 
 
 def _stereo(tree: Values) -> Content | None:
-    """Read an OpenCV stereo pair: ``M1 D1 M2 D2``, and ``R T`` from first to second."""
+    """Read an OpenCV stereo pair (``M1 D1 M2 D2``, and ``R T`` from first to second), or return None."""
     sides: dict[str, dict[str, Any]] = {"left": {}, "right": {}}
     for pattern, what in ((_STEREO, "K"), (_STEREO_LENS, "distortion")):
         for key, value in tree.items():
@@ -370,7 +372,7 @@ def _ros_pose(entry: Any) -> np.ndarray | None:
 
 
 def _ros(tree: Values) -> Content | None:
-    """Read camera poses from ROS transforms (REP 103, REP 105)."""
+    """Read camera poses from ROS transforms (REP 103, REP 105), or return None."""
     listed = tree.get("transforms", tree)
     single = "transform" in tree or "child_frame_id" in tree
     entries = [("", tree)] if single else list(listed.items()) if isinstance(listed, Mapping) else []
@@ -399,7 +401,7 @@ _PARTS |= {"H": "height", "W": "width"}
 
 
 def _easymocap(tree: Values) -> Content | None:
-    """Read matrices with names such as ``K_<camera>``, as in EasyMocap's intri.yml and extri.yml."""
+    """Read EasyMocap's intri.yml or extri.yml, with names such as ``K_<camera>``. Return None for other files."""
     if {"R", "T"} <= tree.keys():  # an OpenCV stereo pair
         return None
     parts: dict[str, dict[str, Any]] = {}
@@ -411,7 +413,7 @@ def _easymocap(tree: Values) -> Content | None:
 
 
 def _human36m(tree: Values) -> Content | None:
-    """Read Human3.6M's JSON file: ``intrinsics[camera]`` and ``extrinsics[subject][camera]``."""
+    """Read Human3.6M's JSON (``intrinsics[camera]`` and ``extrinsics[subject][camera]``), or return None."""
     inner, outer = tree.get("intrinsics"), tree.get("extrinsics")
     if not isinstance(inner, Mapping) or not isinstance(outer, Mapping) or not all(map(has_lens, inner.values())):
         return None
@@ -467,7 +469,7 @@ _FROM_PREVIOUS = "T_cn_cnm1"  # (4, 4) matrix from the previous camera to this o
 
 
 def _kalibr(tree: Values) -> Content | None:
-    """Read Kalibr's ``camchain.yaml`` (Furgale, Rehder and Siegwart 2013)."""
+    """Read Kalibr's ``camchain.yaml`` (Furgale, Rehder and Siegwart 2013), or return None for other files."""
     nodes = [(str(name), node) for name, node in tree.items()]
     if len(nodes) < 2 or not all(isinstance(node, Mapping) and "intrinsics" in node for _, node in nodes):
         return None

@@ -166,7 +166,7 @@ def _of_xml(path: Path) -> Any:
 
 
 def _of_pickle(path: Path) -> Any:
-    """Read the arrays in a pickle file with the name of a calibration. Code in the file is never run."""
+    """Read the arrays in a pickle if its name suggests a calibration, else return {}. Code in the file is never run."""
     if not _LIKE_CALIBRATION.search(path.stem):
         return {}
     try:

@@ -66,12 +66,12 @@ def levels_above(root: Path) -> list[Path]:
 
 
 def is_calibration_folder(path: Path) -> bool:
-    """Return whether a path is a folder with the name of a calibration."""
+    """Return whether a path is a folder whose name suggests a calibration."""
     return path.is_dir() and _CALIBRATION.fullmatch(path.name) is not None
 
 
 def holds_cameras(path: Path) -> bool:
-    """Return whether a folder has the name of a calibration, or a name in ``_CAMERAS``."""
+    """Return whether a folder's name suggests a calibration, or is in ``_CAMERAS``."""
     return path.name.lower() in _CAMERAS or is_calibration_folder(path)
 
 
@@ -150,7 +150,7 @@ def find_calibration(
 
 
 def _is_named(error: MocapError) -> bool:
-    """Return whether an error is about a file with the name of a calibration."""
+    """Return whether an error is about a file whose name suggests a calibration."""
     return _CALIBRATION.match(Path(error.where or "").stem) is not None
 
 

@@ -160,7 +160,7 @@ def _label_notes(names: MarkerNames, nameless: tuple[str, ...]) -> list[Diagnost
 
 
 def left_to_network(names: MarkerNames) -> bool:
-    """Return whether the labels name too few landmarks for a solve, but enough markers for the network."""
+    """Return whether too few labels are known for a solve, but there are enough markers for the labelling network."""
     return len(names.known) < LEAST_MARKERS and len(names.known) + len(names.unknown) >= LEAST_NETWORK_PLACES
 
 

@@ -25,7 +25,7 @@ Hands = list[np.ndarray | None]
 
 @dataclass(frozen=True)
 class CameraFrames:
-    """The detections in the frames of one camera. ``people`` reads them on demand."""
+    """The detections in one camera's frames. Each frame is only read when ``people`` is called for it."""
 
     numbers: np.ndarray
     """(N,) frame numbers, ascending."""
@@ -40,7 +40,7 @@ class CameraFrames:
 
     @classmethod
     def in_memory(cls, frames: Mapping[int, People], path: Path, keypoints: tuple[str, ...] = ()) -> CameraFrames:
-        """Build camera frames from the people in each frame of a file, by frame number."""
+        """Build camera frames from a mapping of frame numbers to the people in each frame."""
         if not frames:
             raise FileDamaged("The file has no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)

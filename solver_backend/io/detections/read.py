@@ -54,7 +54,7 @@ def read_detections(
         configured: joint set in the recording's settings. It is ignored if the keypoints clearly contradict it.
         trim: keep only the frames that all cameras have.
         apart: read each camera from its first to its last frame, even if these differ between cameras.
-        by_order: count the frames of each camera from 0.
+        by_order: count the frames of each camera from 0, whatever their numbers are.
         own: keypoint definitions of the user.
         progress: called with the number of frames read.
 

@@ -91,7 +91,7 @@ def read_motion(path: Path | str) -> Motion:
 
 
 def _require_arrays(fields: Fields) -> None:
-    """Raise an error if an array that the solver always writes is missing or has another shape."""
+    """Raise an error if an array that the solver always writes is missing or has the wrong shape."""
     layout = layout_of(fields)
     width = AMASS_POSE_WIDTH if layout == SMPL else 3 * layout.num_joints
     frames = len(fields.numbers("poses", (None, width)))

@@ -31,7 +31,7 @@ class Take:
 
 @dataclass(frozen=True)
 class Person:
-    """A person of some body shape in motion over F frames."""
+    """The body shape and motion of a person over F frames."""
 
     body: Body
     betas: np.ndarray  # (10,) shape coefficients.
@@ -44,11 +44,11 @@ class Person:
         return Person(self.body, self.betas, self.orient[frames], self.local[frames], self.transl[frames])
 
     def pose(self, points: Landmarks, offsets: np.ndarray | None = None) -> PosedLandmarks:
-        """Pose the body's landmarks in every frame. (L, 3) offsets shift them in their rest frames."""
+        """Pose the body's landmarks in every frame. The offsets (L, 3) shift the landmarks in the rest pose."""
         return pose_landmarks(self.body, points, self.betas, self.orient, self.local, self.transl, offsets=offsets)
 
     def landmarks(self, joint_set: JointSet, offsets: np.ndarray | None = None) -> PosedLandmarks:
-        """Pose the keypoints of a joint set. (K, 3) offsets shift them in their rest frames."""
+        """Pose the keypoints of a joint set. The offsets (K, 3) shift the keypoints in the rest pose."""
         return self.pose(keypoint_landmarks(self.body, joint_set), offsets)
 
     def skin(self, frames: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ _WAITING = 16  # Maximum number of images waiting to be written.
 
 
 class PictureWriter:
-    """Writes images in a thread while others are rendered, with a limited number of waiting images."""
+    """Writes images in a thread while other images are rendered. The number of waiting images is limited."""
 
     def __init__(self, folder: Path, cameras: tuple[str, ...]) -> None:
         self._folder, self._cameras = folder, cameras

@@ -165,7 +165,7 @@ class _TakeRun:
         return [diagnostic("cameras_fit_take", size=check.all_px, best=check.refined_px), *check.diagnostics]
 
     def _of_one(self) -> KnownOfOne:
-        """Return the known facts about the person, floor and lens of a single-video take. Return no facts otherwise."""
+        """Return the known facts about person, floor and lens of a single-video take, or no facts for other takes."""
         plan, cameras = self._plan, self._settings.cameras
         if len(plan.take.videos) > 1:
             return KnownOfOne()

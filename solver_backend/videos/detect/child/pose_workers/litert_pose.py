@@ -76,7 +76,7 @@ def whole_picture(rgb: np.ndarray) -> SquareCrop:
 
 
 def aligned(hips: np.ndarray, top: np.ndarray, side: int) -> SquareCrop:
-    """Return the square around a person's hips, rotated to the body's up direction. Points are (2,) px."""
+    """Return the square around a person's hips (2,) px, rotated so that ``top`` (2,) is above the hips."""
     up, radius = direction(hips, top, 1e-6)
     return _square(hips, up, _GROWN * 2.0 * max(radius, 4.0), side)
 

@@ -27,9 +27,9 @@ def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, in
 
 
 def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[np.ndarray, float]:
-    """Fit the whole image into a grey image (h, w, 3). Also return the scale.
+    """Scale an image to fit into a grey image of the given width and height. Also return the scale s.
 
-    Pixel centres keep their relative position: ``x' + 1/2 = s (x + 1/2)``.
+    It is at the top left corner if ``corner`` is True, otherwise centred. At the corner, ``x' + 1/2 = s (x + 1/2)``.
     """
     width, height = size
     scale = min(width / rgb.shape[1], height / rgb.shape[0])
