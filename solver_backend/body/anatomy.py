@@ -113,7 +113,7 @@ class LandmarkBuilder:
 
         Args:
             rules: for each landmark name, its side ('left', 'right' or '') and the rule for the left side.
-            correctives: also compute pose correctives, which skin markers need and keypoints inside the body do not.
+            correctives: also compute pose correctives. Only landmarks on the skin need them.
         """
         self._body, self._rules, self._scale = body, rules, body.stature_m / 1.70
         self._correctives = correctives

@@ -55,8 +55,8 @@ class Sides:
         """Split labels that end in a side, as in ``ASISr`` or ``KNIEli``, into side and name.
 
         A last letter alone does not prove a side, as in ``HEEL``. A label is split if the label for the other side also
-        exists, or if at least ``LEAST_GLUED`` other labels with the same ending have such a counterpart. It is never
-        split if there is a label for the medial marker (``ARMl`` next to ``ARMm`` is lateral).
+        exists, or if at least ``LEAST_GLUED`` other labels with the same ending have a label for the other side. It is
+        never split if there is a label for the medial marker (``ARMl`` next to ``ARMm`` is lateral).
         """
         there, found = set(names), dict[str, tuple[str, str]]()
         shown: Counter[str] = Counter()
@@ -155,7 +155,7 @@ class LabelWords:
         return found[0] if found else "", [word for form in words if (word := self.vocabulary.get(form, ""))]
 
     def known_in(self, text: str) -> tuple[str, frozenset[str]]:
-        """Return the side in a text ("" if it names none or both), and the known words in it.
+        """Return the side that a text names ("" for none or both sides), and the known words in the text.
 
         A single letter that is not a side may change the meaning of the words. The result is then empty.
         """

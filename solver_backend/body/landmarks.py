@@ -73,7 +73,7 @@ class Landmarks:
 
     @classmethod
     def joined(cls, parts: Sequence[Landmarks]) -> Landmarks:
-        """Concatenate landmarks. If some have pose correctives, the others get zero correctives."""
+        """Concatenate landmarks. Landmarks without pose correctives get zero correctives if others have them."""
         names = tuple(name for part in parts for name in part.names)
         shared = (np.concatenate([getattr(p, key) for p in parts]) for key in ("weights", "anchors", "shapedirs"))
         skinned = next((part.posedirs for part in parts if part.posedirs is not None), None)
@@ -276,7 +276,7 @@ def pose_landmarks(
         offsets: (L, 3) offsets in metres in the rest pose, added to each landmark (detector bias, marker placement).
         jacobian: also compute derivatives w.r.t. rotations and offsets.
         by_shape: also compute derivatives w.r.t. the shape.
-        num_rotations: number of rotations to differentiate w.r.t. (root and first joints). None for all solved ones.
+        num_rotations: number of rotations to differentiate w.r.t. (root and first joints). None means all solved.
     """
     xp = array_namespace(global_orient)
     local = with_resting_hands(body, local)

@@ -65,7 +65,7 @@ class LayoutFile:
         return next((self.names[key] for key in keys_of(label) if key in self.names), None)
 
     def spread_of(self, name: str) -> tuple[float, float]:
-        """Return the standard deviations of a location in metres: off the skin and along it."""
+        """Return the standard deviations of a location in metres: perpendicular to the skin, and along the skin."""
         place = self.names[name]
         return self.kinds[(self.midline.get(place) or self.sided[place[1:]])["kind"]]
 

@@ -292,8 +292,9 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
     """Find the side of arm and leg labels that do not state a side, and map them to locations.
 
     Left and right markers with known locations, such as both ASIS, define the median plane. The result is empty if
-    there is no such pair, if the markers are not all clearly on one side of the plane, or if there are fewer than
-    ``LEAST_LABELS``. Labels of arms are ignored if another arm label states its side. The same applies to legs.
+    there is no such pair, if the markers are not all clearly on one side of the plane, or if fewer than
+    ``LEAST_LABELS`` labels lack a side. Labels of arms are ignored if another arm label states its side. The same
+    applies to legs.
 
     Args:
         own: maps labels to user-defined locations, which always win.

@@ -63,7 +63,7 @@ class PosePrior(ABC):
 
     @abstractmethod
     def sample(self, count: int, seed: int) -> Poses:
-        """Draw ``count`` random poses (count, 21, 3, 3), the same ones for the same seed."""
+        """Draw ``count`` random poses (count, 21, 3, 3). The same seed gives the same poses."""
 
 
 class AutoencodingPrior(PosePrior):

@@ -27,7 +27,7 @@ _NEAREST_M = 0.3  # Smallest depth of a person in front of a camera in metres. C
 def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the shifts t (F, 3) in camera axes that bring points closest to their viewing rays, or NaN without points.
 
-    The residuals of ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` are linear in t. Points far from rays lose weight.
+    The residuals of ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` are linear in t. Points far from rays weigh less.
 
     Args:
         points: (F, L, 3) points p in camera axes, in metres.

@@ -298,7 +298,7 @@ class PoseNDF(PosePrior):
         return rotations, in_own_columns(blocks)
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return predicted distances (N,) in radians from poses (N, 21, 3, 3) to plausible ones."""
+        """Return the predicted distances (N,) in radians from poses (N, 21, 3, 3) to the nearest plausible poses."""
         return self.distance_with_gradient(self.encode(rotations))[0]
 
     def distance_with_gradient(self, z: Array) -> tuple[Array, Array]:

@@ -86,7 +86,7 @@ class PriorOnBody(AutoencodingPrior):
 
 
 def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) -> Array:
-    """Return poses of ``count`` joints with the joints ``taken`` in the columns ``put``, and the others at rest."""
+    """Return poses of ``count`` joints with the joints ``taken`` in the columns ``put``, and other joints at rest."""
     xp = array_namespace(rotations)
     rest = constant(np.eye(3), rotations) + zeros((rotations.shape[0], count, 3, 3), rotations)
     rest[:, index(put, rotations)] = xp.asarray(rotations)[:, index(taken, rotations)]

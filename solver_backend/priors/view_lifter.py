@@ -224,7 +224,7 @@ class ViewLifter:
         Args:
             points: (F, L, 2) in focal lengths from the principal point, undistorted, NaN where missing.
             confidence: (F, L) in 0..1, 0 where missing.
-            names: names of the L points. Unknown ones are ignored.
+            names: names of the L points. Points with unknown names are ignored.
             up: (3,) or (F, 3) unit vector against gravity in camera axes, or None if unknown.
         """
         points, confidence = known_points(points, confidence, names)

@@ -117,21 +117,21 @@ class BlockTridiagonal:
 
 @dataclass(frozen=True)
 class _Inner:
-    """The k inner unknowns of each block, expressed by the outer ones of its own and the next block."""
+    """The k inner unknowns of each block, expressed by the outer unknowns of the same block and of the next one."""
 
     inverse: Array  # (N, k, k) ``A⁻¹``.
     own: Array  # (N, k, m) ``A⁻¹ B``.
     further: Array  # (N - 1, k, m) ``A⁻¹ C``.
 
     def carried(self, g: Array, g_inner: Array) -> Array:
-        """Return the (N, m) gradient of the outer unknowns after the inner ones are eliminated."""
+        """Return the (N, m) gradient of the outer unknowns after the inner unknowns are eliminated."""
         xp = array_namespace(g)
         g = g - _times(xp.matrix_transpose(self.own), g_inner)
         g[1:] -= _times(xp.matrix_transpose(self.further), g_inner[:-1])
         return g
 
     def steps(self, outer: Array, g_inner: Array) -> Array:
-        """Return the (N, k) steps of the inner unknowns, given (N, m) steps of the outer ones."""
+        """Return the (N, k) steps of the inner unknowns, given the (N, m) steps of the outer unknowns."""
         steps = -_times(self.inverse, g_inner) - _times(self.own, outer)
         steps[:-1] -= _times(self.further, outer[1:])
         return steps

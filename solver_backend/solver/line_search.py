@@ -48,7 +48,7 @@ def strong_wolfe(
         settings: the constants c1 and c2, and limits.
 
     Returns:
-        The trial, whether it satisfies both conditions, and the number of evaluations. If no trial satisfies both, it
+        The trial, whether it satisfies both conditions, and the number of evaluations. If no trial does, it
             is the best trial with sufficient decrease, or ``start``.
 
     Reference: Nocedal and Wright 2006, "Numerical Optimization", algorithms 3.5 and 3.6.

@@ -283,7 +283,7 @@ class Capture:
 
         Raises:
             TooFewViews: the capture has no cameras or keypoints.
-            NoDetections: no keypoint is detected, or several cameras detect keypoints, but never together.
+            NoDetections: no keypoint is detected, or no two of several cameras have detections in a frame.
         """
         cameras, keypoints = self._require_detections()
         return (cameras, keypoints) if self.is_one_view else self.require_multiview()

@@ -390,10 +390,10 @@ class SensorFolder:
 
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
-    """Open a sensor recording or a studio shot, with its own calibration or the given one.
+    """Open a sensor recording or a studio shot. ``calibration`` replaces the calibration in the folder.
 
     Raises:
-        RecordingInvalid: the folder is neither of these, or is damaged.
+        RecordingInvalid: the folder is neither a recording nor a studio shot, or is damaged.
         CalibrationMissing, CalibrationInvalid: there is no calibration, or it is invalid.
         SensorUnknown: the calibration contains none of the sensors.
     """

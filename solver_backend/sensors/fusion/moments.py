@@ -345,7 +345,7 @@ class Gatherer:
         return seen
 
     def waiting(self, index: int) -> int:
-        """Return the number of frames from a sensor that are waiting for the others."""
+        """Return the number of frames from a sensor that are waiting for frames of other sensors."""
         return len(self._queues[index])
 
     def ended(self, index: int) -> None:

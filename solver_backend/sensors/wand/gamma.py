@@ -175,7 +175,7 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
     """Read the tables of a Γ recording as point clouds, one per frame, in the cameras' world in metres.
 
     A cloud contains the points that one sensor saw with depth, or all intersections between the rays of two cameras.
-    Most of these intersections are false. The edge lengths of the Γ select the true ones.
+    Most of these intersections are false. The edge lengths of the Γ select the true intersections.
 
     Raises:
         FileMissing, CalibrationMismatch: there is no table, or the calibration does not contain the sensor.
