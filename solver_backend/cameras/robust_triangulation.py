@@ -362,7 +362,7 @@ def triangulate(
 
     The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton steps on ``Σ confidence
     ρ(r/σ)``, where r is the reprojection error in pixels and ρ is the Geman-McClure penalty. Then views beyond
-    ``INLIER_SIGMAS`` are rejected, and the remaining ones are solved without ρ. The covariance of the weighted
+    ``INLIER_SIGMAS`` are rejected, and the remaining views are solved without ρ. The covariance of the weighted
     estimator is ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views
     agree, or if the standard deviation along the worst axis exceeds ``LARGEST_SIGMA_M`` (nearly parallel rays).
 
@@ -458,7 +458,7 @@ def predict_views(
     triangulation: Triangulation,
     frames: np.ndarray | None = None,
 ) -> Predictions:
-    """Predict every view from the others by a linear step around the triangulated points.
+    """Predict the pixels in each view from all other views, by a linear step around the triangulated points.
 
     With ``A_b = J_bᵀ J_b / σ²`` and the residual ``r_b`` of view b at the point X, view c is predicted at ``π_c(X) +
     J_c δ`` with ``δ = (Σ_{b≠c} A_b + I/τ²)⁻¹ Σ_{b≠c} J_bᵀ r_b / σ²`` and covariance ``σ² I + J_c (Σ_{b≠c} A_b + I/τ²)⁻¹
@@ -495,7 +495,7 @@ def _predicted(
     inliers: np.ndarray,
     sigma_px: np.ndarray,
 ) -> Predictions:
-    """Predict every view from the others, linearised around the points ``start`` (F, K, 3)."""
+    """Predict the pixels in each view from all other views, linearised around the points ``start`` (F, K, 3)."""
     usable = (confidence > 0) & np.isfinite(xy).all(-1)
     px, J, _ = project_with_jacobian(arrays, start)
     usable &= np.isfinite(px[..., 0])

@@ -20,9 +20,9 @@ def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Key
     """Convert a moving camera and its detections to a level camera that pans slowly with the person.
 
     The view lifter was trained on static cameras, and the detector noise is measured from track jitter. A shaking
-    camera would affect both. The level camera is at the same place, so no depth is needed: ``x' = π(V Rᵀ π⁻¹(x))``.
-    Here R is the rotation of the moving camera, V is the rotation of the level camera, and π is the projection. A
-    static camera is unchanged.
+    camera would disturb lifter and noise. The level camera is at the same place, so no depth is needed:
+    ``x' = π(V Rᵀ π⁻¹(x))``. R is the rotation of the moving camera, V is the rotation of the level camera, and π is the
+    projection. A static camera is unchanged.
 
     Args:
         camera: a single camera, in a world with Z up.

@@ -183,7 +183,7 @@ def _heading(angle: float) -> np.ndarray:
 def _aligned(before: MotionFile, at: int, after: MotionFile, start: int) -> Placement:
     """Return the rigid motion on the ground that best aligns two poses (Kovar et al. 2002, eq. 2).
 
-    The translation aligns the feet that are planted in both poses, or all joints if no feet are.
+    The translation aligns the feet that are planted in both poses, or all joints if no feet are planted.
     """
     a, b = _joints(before)[at], _joints(after)[start]
     p, q = (a - a.mean(axis=0))[:, :2], (b - b.mean(axis=0))[:, :2]

@@ -20,7 +20,7 @@ class PersonSummary(TypedDict):
 
 
 class Remarks(TypedDict):
-    """Diagnostics both as data and as sentences."""
+    """Diagnostics of a result, both as data and as sentences."""
 
     notes: list[str]
     problems: list[str]

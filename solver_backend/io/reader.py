@@ -50,7 +50,7 @@ class Reader(Generic[Content]):
     """Reading options that apply in addition to those of ``load_capture``. All others are rejected."""
 
     def open(self, path: Path, options: ReadOptions, also: frozenset[str] = frozenset()) -> Content:
-        """Read a recognised path. Options in ``also`` are accepted, and the caller must apply them.
+        """Read a recognised path. Options in ``also`` are accepted too, but the caller must apply them.
 
         Raises:
             JobInvalid: an option does not apply.

@@ -70,7 +70,7 @@ class CornerSums:
 
 
 def draw_outfit(clothes: str, hair: str, rng: np.random.Generator) -> tuple[str, str]:
-    """Return the given clothes and hair. Draw the ones that are 'random'."""
+    """Return the given clothes and hair. If a value is 'random', a random value replaces it."""
     dressed = [name for name in _OUTFITS if name not in ("bare", "suit")]
     drawn = str(rng.choice(dressed)), str(rng.choice(["none", "short", "short", "long"]))
     return (drawn[0] if clothes == "random" else clothes), (drawn[1] if hair == "random" else hair)

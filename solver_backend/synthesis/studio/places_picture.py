@@ -109,7 +109,7 @@ def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.nd
 
 
 def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return (P, 3) barycentric coordinates of points (P, 2) in triangles (P, 3, 2). Negative ones become 0."""
+    """Return (P, 3) barycentric coordinates of points (P, 2) in triangles (P, 3, 2). Negative coordinates become 0."""
     a, b, c = (corners[:, k] - at for k in range(3))
     share = np.stack([cross_2d(p, q) for p, q in ((b, c), (c, a), (a, b))], -1)
     share = share / np.where(np.abs(total := share.sum(1, keepdims=True)) > 1e-12, total, 1.0)

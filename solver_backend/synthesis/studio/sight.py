@@ -247,7 +247,7 @@ def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
-    """Add ``more`` points to the given ones, each the furthest from all previous points."""
+    """Add ``more`` skin points to the given points, one by one. Each is the furthest from all previous points."""
     off = (_squares(skin, skin[points]) + (skin**2).sum(axis=1)[:, None]).min(axis=1)
     found = points.tolist()
     for _ in range(more):

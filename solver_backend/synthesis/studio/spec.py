@@ -60,7 +60,7 @@ def read_look(description: Any) -> StudioLook:
 
 
 def draw_light(light: str, rng: np.random.Generator) -> str:
-    """Return the given light, or draw a random one if it is 'random'."""
+    """Return the given light, or a random light if it is 'random'."""
     drawn = str(rng.choice([name for name in LIGHT if name != "random"]))
     return drawn if light == "random" else light
 

@@ -78,7 +78,7 @@ def true_motion(person: Person, joints: np.ndarray, contacts: np.ndarray, fps: f
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> tuple[Landmarks, dict[JointSet, list[int]]]:
-    """Return the distinct keypoints of all joint sets, and the columns of each set among them."""
+    """Return the distinct keypoints of all joint sets, and the columns that belong to each joint set."""
     parts: list[Landmarks] = []
     known: dict[bytes, int] = {}
     columns: dict[JointSet, list[int]] = {chosen: [] for chosen in JointSet}

@@ -170,7 +170,7 @@ class _HandSearch:
     def at_arm(self, arm: np.ndarray, own: np.ndarray, hand_px: float, before: np.ndarray | None) -> np.ndarray:
         """Search for a hand (21, 3) at its previous position, then at the end of an arm. Return NaN if it is not found.
 
-        ``arm`` (2, 2) contains the projected elbow and wrist in px, and ``own`` (2, 3) contains the detected ones.
+        ``arm`` (2, 2) contains the projected elbow and wrist in px, and ``own`` (2, 3) the detected elbow and wrist.
         """
         there = np.where(own[:, 2:] >= SURE, own[:, :2], arm)
         alike = float(np.linalg.norm(there - arm, axis=-1).max()) < ALIKE * hand_px
@@ -213,7 +213,7 @@ def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float
     """Return scale factors (C, 2) from calibrated images to footage, or 1 if their aspect ratios differ.
 
     The footage has a displayed and a stored size, which differ if pixels are not square. A calibration may refer to
-    either of them.
+    either size.
     """
     scale = np.ones((len(cameras), 2))
     for view, video in enumerate(videos):
@@ -366,7 +366,7 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
     """Return a mask (C, 2) of the hands to search for in each view, or None for all hands.
 
     ``before`` contains the hands (C, 2, 21, 3) in the previous frame, or is None. If at least ``ENOUGH`` views detected
-    a hand in that frame, each of the other views only searches for it in every ``every``-th frame.
+    a hand in that frame, the other views only search for it in every ``every``-th frame.
     """
     if before is None or every <= 1:
         return None

@@ -207,7 +207,7 @@ class Picture:
 
 
 def read_pictures(info: VideoInfo) -> Iterator[Picture]:
-    """Decode the images of a video one by one. Damaged images are skipped, and the others keep their times.
+    """Decode the images of a video one by one. Damaged images are skipped, and the remaining images keep their times.
 
     Raises:
         VideoUnreadable: more than ``LOST_SHARE`` of the images are damaged or missing, or the image size changes.

@@ -295,7 +295,7 @@ class MomentCounts:
 
 
 class LiveMoments:
-    """Live cameras and their detectors. The context manager opens and stops them."""
+    """Live cameras and their detectors. Entering the context opens the cameras, and leaving it stops them."""
 
     def __init__(self, sources: Sequence[PictureSource], make: MakeDetector, rate_hz: float = RATE_HZ) -> None:
         self._changed = threading.Condition()

@@ -30,8 +30,8 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
     """Recording of live cameras. It becomes the capture ``TAKE.npz`` and the motion ``TAKE_live.npz``.
 
     The capture contains the keypoints at a constant rate. The motion contains the live poses in the same frames, and a
-    solve can start from them. Every row of the recording file contains the camera poses. The capture gets the poses of
-    the last row, because the world may only be determined during the recording.
+    solve can start from them. Every row of the recording file contains the camera poses. The capture gets the camera
+    poses of the last row, because the world may only be determined during the recording.
     """
 
     pieces: ClassVar[str] = "moments"

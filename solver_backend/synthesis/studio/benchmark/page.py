@@ -159,7 +159,7 @@ def _worst(out: Path, verdicts: Sequence[Verdict]) -> str:
 
 
 def _worst_picture(out: Path, verdict: Verdict, frame: int) -> np.ndarray:
-    """Return the (h, w, 3) uint8 image of the camera that shows the error best, with both skeletons."""
+    """Return the (h, w, 3) uint8 image of the camera that shows the error best, with true and solved skeleton."""
     capture = read_capture(out / SHOTS / verdict.shot / "clean.npz")
     assert capture.cameras is not None and verdict.joints is not None
     truth, cameras = np.asarray(capture.truth["joints"])[frame], capture.cameras

@@ -263,7 +263,7 @@ KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Model types, tried in this ord
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
-    """Select boxes (N, 4) by descending score, without those that overlap a better box. Return their indices."""
+    """Return the indices of boxes (N, 4) by descending score. Boxes that overlap a better box are skipped."""
     kept: list[int] = []
     for i in np.argsort(-score, kind="stable"):
         if len(kept) >= most:
