@@ -82,7 +82,7 @@ def read_capture(path: Path) -> CaptureFile:
 
 
 def portable_path(path: Path | None, folder: Path) -> str:
-    """Convert a footage path for a capture file: relative if it is inside ``folder``, and "" if it is None."""
+    """Convert a footage path for a capture file. Paths inside ``folder`` become relative, and None becomes ""."""
     if path is None:
         return ""
     full, base = os.path.abspath(path), os.path.abspath(folder)

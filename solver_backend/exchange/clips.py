@@ -234,8 +234,8 @@ def mirror(motion: MotionFile) -> MotionFile:
 
     The world is reflected in the vertical plane through the first pelvis position and the forward direction. If A is
     the reflection of the world and M the reflection of the body's coordinates, the root's rotation R becomes ``A R M``.
-    Every other joint becomes ``M R' M``, where R' is the rotation of the corresponding joint on the other side. Its
-    rotation vector is ``(x, -y, -z)``. Mirroring twice restores the original motion.
+    Every other joint becomes ``M R' M``, where R' is the rotation of the corresponding joint on the other side. A
+    rotation vector (x, y, z) of R' becomes ``(x, -y, -z)``. Mirroring twice restores the original motion.
     """
     rest, other = rest_joints(motion), list(motion.body_layout.mirror)
     R, pelvis = matrix_from_rotvec(motion.rotvec[:, 0]), rest[0] + motion.transl

@@ -24,7 +24,7 @@ def require_safe(address: str) -> None:
         address: address of the scheduler, or path of a file that contains it.
 
     Raises:
-        SchedulerUnsafe: it is on another host, and its address does not begin with ``tls://``.
+        SchedulerUnsafe: the scheduler is on another host, and its address does not begin with ``tls://``.
     """
     found = address
     if address.endswith(".json"):

@@ -77,7 +77,7 @@ def load_table() -> dict[str, DiagnosticEntry]:
 
 @cache
 def list_refusals() -> tuple[str, ...]:
-    """Return the codes of the errors that mark a result as unusable, so that it is rejected."""
+    """Return the codes of the errors that cause a solve to reject its result as unusable."""
     return tuple(c for c, row in load_table().items() if row.group == _RESULTS and row.severity is Severity.ERROR)
 
 
@@ -304,7 +304,7 @@ def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
 
 
 def size_in(found: Iterable[Diagnostic]) -> str:
-    """Return the sentence about the person's solved stature, or "" if there is no such diagnostic."""
+    """Return the sentence about the person's solved stature, or "" if no diagnostic states it."""
     sizes = [item for item in found if item.code == "stature_solved"]
     return word(sizes[0]).what if sizes else ""
 

@@ -105,7 +105,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
 def start_of(text: str, folder: Path = Path()) -> tuple[str, Path]:
     """Split ``[CAMERA=]FILE`` into the camera ("" for none) and the file, relative to ``folder``.
 
-    If the whole text is the name of an existing file, it is that file, even if it contains an equals sign.
+    If the whole text is the name of an existing file, it is not split, even if it contains an equals sign.
     """
     if "=" not in text or os.path.exists(folder / text):
         return "", folder / text

@@ -45,9 +45,10 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
 
 
 def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the longest reach (...) in metres of limbs with (..., 3) bones, which is slightly below their length.
+    """Return the longest reach (...) in metres of limbs with the bones ``upper`` and ``lower`` (..., 3).
 
-    If the given bones are straighter than this limit, the distance between their ends is returned.
+    The reach is slightly less than the sum of the bone lengths. If the given bones are straighter than this limit, the
+    distance between their ends is returned.
     """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))

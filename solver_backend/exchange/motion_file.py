@@ -215,8 +215,8 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
     """Write a motion. Parts that are None are omitted.
 
     For SMPL, ``poses`` (F, 156) contains the root and the joints that SMPL and AMASS share. ``hand_pose`` (F, 6)
-    contains SMPL's hand joints, which AMASS does not have. It is omitted if all its values are zero. For other layouts,
-    ``poses`` (F, 3 J) contains all joints, and the file also contains the layout.
+    contains SMPL's hand joints, which AMASS does not have. ``hand_pose`` is omitted if all its values are zero. For
+    other layouts, ``poses`` (F, 3 J) contains all joints, and the file also contains the layout.
     """
     rotvec, layout, hands = motion.rotvec.reshape(motion.num_frames, -1), motion.body_layout, np.zeros(0)
     poses = rotvec.astype(np.float32)

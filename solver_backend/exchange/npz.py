@@ -186,7 +186,7 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
 def _opened(path: Path | str) -> Iterator[Members]:
     """Open an archive and yield its arrays.
 
-    If it is damaged, raise a named error, even if the damage is detected only within the ``with`` block.
+    If the archive is damaged, raise a named error, even if the damage is detected only within the ``with`` block.
     """
     path = require_file(path)
     try:

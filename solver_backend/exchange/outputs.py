@@ -359,8 +359,8 @@ def require_path(path: Path | str, what: str = "file") -> Path:
 def open_regular(path: Path | str) -> BinaryIO:
     """Open a regular file for reading bytes.
 
-    Some system files, such as ``/proc/kmsg``, look like regular files, but reading them can wait forever. They are
-    opened without blocking.
+    Some system files, such as ``/proc/kmsg``, look like regular files, but reading them can wait forever. Therefore,
+    all files are opened without blocking.
 
     Raises:
         OSError: it cannot be opened, is a device, pipe or folder, or has no data yet.
@@ -369,7 +369,7 @@ def open_regular(path: Path | str) -> BinaryIO:
 
 
 def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
-    """Return a file's bytes and size. The bytes are empty if it is larger than ``largest``."""
+    """Return a file's bytes and size. If the file is larger than ``largest``, the bytes are empty."""
     handle, size = _opened(path)
     try:
         if size > largest:

@@ -56,7 +56,7 @@ class Fields:
             return np.asarray(value, np.float64)
 
     def first_number(self, key: str, invalid: type[MocapError]) -> float:
-        """Return the first number in an array or scalar. Raise the given error if there is none."""
+        """Return the first number in an array or scalar. Raise the given error if there is no number."""
         values = self.floats(key, invalid).ravel()
         if not values.size:
             raise invalid(f"{key} is empty, but a number is expected.", where=str(self.path))

@@ -35,7 +35,8 @@ def flagged(
         seen: (F,) bool, true if enough views show the person.
         sigma: (F, J) standard deviation of each joint in metres, if known.
         lost: (F,) bool, true if a limb is lost (see ``lost_landmarks``).
-        resting: (F, J) bool, true for joints without information. Frames with such joints get a separate flag.
+        resting: (F, J) bool, true for joints without information. Frames with at least one of these joints get a
+            separate flag.
     """
     flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
     unsure = _far(normalised)

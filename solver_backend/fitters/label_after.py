@@ -32,7 +32,7 @@ def labelled_like(
     """Label a capture's points with the marker names of another take.
 
     Raises:
-        NoDetections: a take has no markers, or no frame has enough of them.
+        NoDetections: a take has no markers, or no frame has enough markers.
         MarkersUnknown: the other take has too few labelled markers.
     """
     if capture.markers is None or like.markers is None:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class SolvedLayer:
-    """Finished part of a solve for one kind of measurement, which adds its results to the motion."""
+    """Completed solve for one kind of measurement. It adds its results to the motion."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Add the layer's results to the motion. ``posed`` is the body in all frames."""
@@ -256,7 +256,7 @@ class Convergence:
 
 @dataclass(frozen=True)
 class SolvedFrames:
-    """Solved poses in a take, with the other estimates of the method."""
+    """Solved poses of a take, with all other estimates of the solver method."""
 
     subject: Subject  # Contains the shape and bias from the last pass.
     frames: PosedFrames

@@ -302,8 +302,8 @@ def resting_shares(
     the part. The weight of the rest pose is ``3 u² - 2 u³``, where u rises from 0 to 1 within ``FADE_S``, beginning
     after ``HOLD_S``. The weight of the variance rises within ``UNKNOWN_S``. Before the first and after the last frame
     that determines the part, it rises with the square of time. Between two frames that determine the part, it rises
-    with the third power of time, up to ``BETWEEN``. It is at least the weight of the rest pose. Frames outside ``seen``
-    (F,) do not place the body and are interpolated.
+    with the third power of time, up to ``BETWEEN``. The weight of the variance is never less than the weight of the
+    rest pose. Frames outside ``seen`` (F,) do not place the body and are interpolated.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
     frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})

@@ -153,9 +153,9 @@ def find_skin_contacts(
     Return None if nothing touches, or if only feet touch and there are no objects. If the user changed contacts, there
     is always a result.
 
-    A point touches with probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)``, given distance z and speed v. It is
-    fixed while the probability exceeds one half for at least the duration of a step. Points stay outside surfaces in
-    all frames. The floor z = 0 is ignored in the frames that ``_off_floor`` finds.
+    A point touches with probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)``, given distance z and speed v. The
+    point is fixed while the probability exceeds one half for at least the duration of a step. Points stay outside
+    surfaces in all frames. The floor z = 0 is ignored in the frames that ``_off_floor`` finds.
 
     Args:
         frames: F solved poses.

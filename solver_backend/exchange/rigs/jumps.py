@@ -47,7 +47,7 @@ def bridge_jumps(
 
 
 def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
-    """Return the largest step within runs of frames, including the steps into and out of them."""
+    """Return the largest step within runs of frames, including the steps into and out of each run."""
     return float(max(steps[max(first - 1, 0) : last + 1].max() for first, last in runs))
 
 

@@ -136,7 +136,8 @@ def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
     Args:
         direction: (..., 3) non-zero vectors.
-        axis: (..., 3) vectors, which are made orthogonal. If one is parallel to the direction, any other axis is used.
+        axis: (..., 3) vectors. They are made orthogonal to the direction. If one is parallel to the direction, any
+            other axis is used.
     """
     x = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     y = axis - (axis * x).sum(-1, keepdims=True) * x

@@ -112,7 +112,7 @@ def _arm_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
 
 
 def _line_cost(points: np.ndarray, a: int, b: int) -> float:
-    """Return the cost of the bones between a and b: they should be on the line from a to b, in order."""
+    """Return a cost for bones between a and b that are off the line from a to b, or out of order."""
     if b == a + 1:
         return 0.0
     between, way = points[a + 1 : b] - points[a], points[b] - points[a]

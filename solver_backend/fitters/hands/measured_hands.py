@@ -316,7 +316,7 @@ NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitte
 
 @dataclass(frozen=True)
 class HandSize:
-    """Hand size relative to the body's shape, and its standard deviation. They are 1 and inf if unknown."""
+    """Size of a hand relative to the body's shape, and its standard deviation (1 and inf if unknown)."""
 
     scale: float
     sigma: float

@@ -54,8 +54,9 @@ def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.n
 def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows]:
     """Return the covariances of the hand's state in all frames of N windows, and the frame numbers.
 
-    The covariances are (N m, D, D) for m frames per window. Each is ``Σ_ab w_a w_b S_ab`` over the three keyframes a
-    and b of its window, where S are blocks of the inverse matrix (see ``marginals``) and w are weights of the parabola.
+    The covariances are (N m, D, D) for m frames per window. Each is ``Σ_ab w_a w_b S_ab``, where a and b run over the
+    three keyframes of its window. S_ab are blocks of the inverse matrix (see ``marginals``), and w are the weights of
+    the parabola.
     """
     diagonal, upper = system.marginals()
     rows = layout.rows()
@@ -82,7 +83,7 @@ def contact_equations(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Penalise intersecting fingers by ``½ Σ max(depth - δ, 0)² / σ²``.
 
-    Return costs (n,), gradients and Gauss-Newton matrices. depth is the overlap of two finger bones in metres. δ is
+    Return costs (n,), gradients and Gauss-Newton matrices. The depth is the overlap of two finger bones in metres. δ is
     ``GIVES_WAY_M``, and σ is ``SIGMA_M``. The derivatives treat the nearest points of two bones as fixed on the bones,
     because sliding changes their distance only to second order. ``points`` (n, 21, 3) are ``HAND_POINTS`` in metres,
     and ``jacobian`` (n, 21, 3, D) their derivative w.r.t. the state.

@@ -41,8 +41,8 @@ class KeyframeNormalEquations:
     """Block-tridiagonal normal equations for the n N + 1 keyframes of N windows.
 
     Block w contains the n keyframes starting at n w. The last block is padded with dummy keyframes. Priors that couple
-    neighbouring keyframes are only possible for n = 2. The ``add`` methods modify the arrays in place, because these
-    are large.
+    neighbouring keyframes are only possible for n = 2. The ``add`` methods modify the arrays in place, because the
+    arrays are large.
     """
 
     diagonal: Array  # (N + 1, n D, n D), single precision, because it only affects the steps.
@@ -579,7 +579,7 @@ KeyTerm = MotionPrior | ResidualRotationTerm  # A term on keyframes.
 
 @dataclass(frozen=True)
 class BundleObjective:
-    """Objective of a take: terms on its F frames, and terms on the keyframes that define them."""
+    """Objective of a take: terms on the poses in F frames, and terms on the keyframes."""
 
     frames: FrameObjective
     keys: tuple[KeyTerm, ...] = ()

@@ -314,7 +314,7 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Return a prior that fixes the shape coefficients beyond ``limit`` at the limit, or None if all are within it."""
+    """Return a prior that fixes the shape coefficients beyond ``limit`` at the limit, or None if there are none."""
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():

@@ -122,7 +122,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Extend a range to adjacent frames in which a swap improves the fit, and trim end frames in which it does not."""
+    """Extend a range by adjacent frames in which a swap improves the fit, and remove other frames at its ends."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:

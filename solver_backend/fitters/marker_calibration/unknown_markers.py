@@ -119,7 +119,7 @@ class BonePoses:
 
 
 def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> Attachment | None:
-    """Attach a marker to the bone with the most constant offset, or return None if none fits.
+    """Attach a marker to the bone with the most constant offset, or return None if no bone fits.
 
     The offset on bone j is ``o_j = median_f G_jᵀ (x - p_j)`` per axis, which is robust to wrong points. The bone with
     the smallest median distance from the offset is chosen. If several bones are equally good within the noise, the one

@@ -44,11 +44,11 @@ def among(
     """Predict a marker's positions (n, 3) in a gap from its neighbours, with squared errors in m².
 
     The prediction uses axes that move with the neighbours (Kabsch 1976). In these axes, v are the neighbours'
-    positions, and ``u = W v`` is the marker's position, found by ridge regression. Its errors at the gap's ends are
-    interpolated to correct the prediction inside the gap. V are the neighbours' positions in the n' frames that show
-    the marker, the training frames. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is the training error times
-    ``1 + n' h + (h / h_max)²``. Errors of W grow linearly with the distance of v from the training frames, and errors
-    from nonlinear movement quadratically. h_max is the largest h of a training frame.
+    positions, and ``u = W v`` is the marker's position, found by ridge regression. The errors of the prediction at the
+    gap's ends are interpolated to correct the prediction inside the gap. V are the neighbours' positions in the n'
+    frames that show the marker, the training frames. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is the training error
+    times ``1 + n' h + (h / h_max)²``. Errors of W grow linearly with the distance of v from the training frames, and
+    errors from nonlinear movement quadratically. h_max is the largest h of a training frame.
 
     Args:
         points: (R, 3) positions of the marker in metres, only used where ``known`` (R,).

@@ -173,7 +173,7 @@ class LocatedPoints(_Points):
         return np.array([known.get(part, CONSTANT_M) for part in parts])
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Learn each landmark's noise in each part of the take. Return the new data term."""
+        """Learn each landmark's noise in each time window of the take. Return the new data term."""
         problem, settings, posed = bundle.problem, bundle.settings, bundle.posed
         if not settings.learn_noise:
             return bundle.data

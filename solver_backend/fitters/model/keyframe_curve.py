@@ -243,7 +243,7 @@ class KeyframeCurve:
     def poses_with_vjp(
         self, prior: PosePrior, decoded: Array | None = None
     ) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
-        """Return the W·n poses, and a function that maps derivatives w.r.t. them to derivatives w.r.t. the keyframes.
+        """Return the W·n poses, and a function that converts derivatives w.r.t. poses to derivatives w.r.t. keyframes.
 
         The function takes a cost's derivative w.r.t. the (W·n, p) pose tangents, and optionally w.r.t. the (W·n, d)
         codes. ``decoded`` are (W·n, J, 3, 3) rotations for fixed codes, which have no derivative.
@@ -322,7 +322,7 @@ def key_poses(
 
 
 def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyframes:
-    """Evaluate the curves of single windows at other frame numbers (K,), and return the results as keyframes."""
+    """Return keyframes at other frame numbers ``times`` (K,), on the curves of single windows."""
     xp, vectors, (window, time) = array_namespace(keys.z), keys.residual, layout.positions(times)
     curve = KeyframeCurve.through(keys.of_windows(window, layout.free), time[:, None], residuals=True)
     codes, quats = rows_of(curve.codes.value), rows_of(curve.root.quat)

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KeyframeLayout:
-    """Keyframes of N windows over F frames. Window w has keyframes n w to n w + n, so neighbours share one.
+    """Keyframes of N windows over F frames.
 
-    Solves of a whole take use splines and priors on keyframes, which require n = 2.
+    Window w has the keyframes n w to n w + n, so two neighbouring windows share a keyframe. Solves of a whole
+    take use splines and priors on keyframes, which require n = 2.
     """
 
     bounds: np.ndarray  # (N + 1,) ascending frame numbers where windows meet, from the first frame to the last.

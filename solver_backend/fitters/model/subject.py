@@ -146,7 +146,7 @@ class Keyframes(Rows):
         return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
 
     def fives(self, windows: np.ndarray) -> Keyframes:
-        """Select the keyframes (W, 5) of each window, including one more on both sides."""
+        """Select the three keyframes of each window, and one more keyframe on either side (W, 5)."""
         keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
         return self.select(index(keys, self.z))
 
@@ -240,7 +240,7 @@ class PosedFrames(Rows):
 
 @dataclass(frozen=True)
 class SkinTerms:
-    """Terms on S points of the skin, for which there are no measurements."""
+    """Terms on S unmeasured points of the skin."""
 
     landmarks: Landmarks  # The person's L landmarks, followed by the S points.
     points: tuple[PointTerm, ...]  # On the S points.
@@ -340,8 +340,8 @@ def frame_equations(
 
     Args:
         objective: terms on these frames.
-        hessian_frames: frames whose Hessians are formed, in single precision because they only affect steps. None forms
-          all Hessians in the poses' precision.
+        hessian_frames: frames for which Hessians are computed. These are in single precision, because they only affect
+          steps. None forms all Hessians in the poses' precision.
     """
     skin = objective.skin
     posed = pose(subject if skin is None else skin.worn_by(subject), frames, jacobian=True, by_shape=False)

@@ -298,7 +298,7 @@ def _sigma_px(cameras: Cameras, keypoints: Keypoints2D, depth: np.ndarray, view:
     """Return the standard deviations (1, F, L) in pixels of detections from a body with average proportions.
 
     They combine the body model's error with the detector's noise. The noise is estimated from second differences of the
-    tracks, which have six times its variance.
+    tracks. Their variance is six times the noise's variance.
     """
     xy = keypoints.xy[view]
     second = np.abs(xy[:-2] - 2.0 * xy[1:-1] + xy[2:])

@@ -31,8 +31,8 @@ def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames
     """Smooth bone directions and body position over time, mainly in depth.
 
     A bone with direction u is rotated to ``G_d (u·s) s + G_a (u - (u·s) s)``, where s is the line of sight, and G_d and
-    G_a are Gaussian filters along and across it. A joint with several bones gets the smallest rotation that fits all of
-    them. The root's distance and direction are also smoothed. Bone lengths do not change.
+    G_a are Gaussian filters along and across it. A joint with several bones gets the smallest rotation that fits all
+    these bones. The root's distance and direction are also smoothed. Bone lengths do not change.
     """
     body, frames, sight = solved.subject.body, solved.frames, one.sight
     if len(sight) < 3:

@@ -392,7 +392,9 @@ def interpolate_poses(
     settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
-    """Interpolate ``count`` plausible poses between each of N pairs. Return them (N, count, J, 3, 3) without the ends.
+    """Interpolate ``count`` plausible poses between each of N pairs.
+
+    Return the interpolated poses (N, count, J, 3, 3) without the two given poses.
 
     For frame t of T, ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` along geodesics with ``τ = 1/(T - t + 1)``, where θ' are
     poses that were projected onto the manifold with eq. 6.

@@ -226,7 +226,7 @@ def restart_lost_limbs(bundle: Bundle) -> Bundle:
 
 
 def _with_codes(bundle: Bundle) -> BundleModel:
-    """Return the model with free codes, because a limb can only reach another position with another code."""
+    """Return the model with codes as unknowns. A limb can only reach another position with another code."""
     free = state_layout(bundle.problem.prior).only([CODE, *(block.name for block in bundle.free.blocks)])
     return replace(bundle.model, free=free)
 
@@ -279,7 +279,7 @@ ROUNDS = 2  # Passes with skin contacts. Parts that had sunk touch the floor onl
 
 
 def world_of(settings: SolveSettings) -> Obstacles:
-    """Read the objects in the settings, and add the floor. Raise ``FileDamaged`` or ``FileMissing``."""
+    """Read the objects in the settings, and add the floor. Raise ``FileDamaged`` or ``FileMissing`` if this fails."""
     return read_obstacles(settings.objects) if settings.objects else Obstacles.floor()
 
 

@@ -46,7 +46,7 @@ _DIAGONAL = [0, 3, 5]  # Entries xx, yy and zz of ``packed`` matrices.
 
 
 def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
-    """Remove unsure flags that pins cause, and instead increase the deviations of the joints that the pins move.
+    """Where pins cause the flag for unsure frames, replace it by larger deviations of the joints that the pins move.
 
     A pinned pose disagrees with the measurements, so its frame and the neighbouring frames are flagged as unsure.
     """
@@ -156,7 +156,7 @@ def _within(contacts: list[UserContact], first: int, last: int) -> list[UserCont
 
 
 def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
-    """Return an (F, 11) mask of touching parts in an earlier motion, after the user's changes."""
+    """Return an (F, 11) mask of touching parts in an earlier motion, including the user's changes."""
     touches = np.zeros((motion.num_frames, len(CONTACT_PARTS)), bool)
     if motion.touches is not None:
         touches |= motion.touches
