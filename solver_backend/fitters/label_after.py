@@ -144,10 +144,7 @@ def person_of_nameless(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> MarkerSubject:
-    """Find unlabelled markers that move with a bone, and add them to a person's record.
-
-    ``captures`` are takes of this person that the network labelled.
-    """
+    """Find unlabelled markers in labelled takes that move with a bone, and add them to a person's record."""
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person

@@ -322,7 +322,7 @@ def solve(
     """Solve the motion of the person in a capture from its keypoints or markers.
 
     Args:
-        prior: decodes poses from codes, which are unit vectors of zero mean. None loads ``settings.prior``.
+        prior: decodes poses from codes, zero-mean unit vectors of any dimension. None loads ``settings.prior``.
         person: person from an earlier marker calibration. None calibrates on the take.
         start: motion to start from, for several cameras.
         results: network results for some cameras, which are combined with the detections.

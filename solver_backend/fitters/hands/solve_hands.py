@@ -101,11 +101,7 @@ def _widened(
     frames: np.ndarray | slice = slice(None),
     **parts: Any,
 ) -> Motion:
-    """Return the motion with the joint rotations ``turns`` (F, J - 1, 3) of ``body``.
-
-    The joints from ``first`` on are fingers. ``frames`` with ``resting`` fingers are flagged. ``parts`` are other new
-    fields of the motion.
-    """
+    """Return the motion with new joint rotations ``turns`` of ``body``. Joints from ``first`` on are fingers."""
     posed = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
     if motion.flags is not None and resting is not None:
         flags = motion.flags.astype(np.uint8)
@@ -490,10 +486,7 @@ def solve_hand_range(
 
 
 def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
-    """Correct a hand so that it has the given ``states`` (n, D) in the frames ``stays``.
-
-    Between these frames, the correction is interpolated linearly.
-    """
+    """Correct a hand so that it has the ``states`` (n, D) in the frames ``stays``, and interpolate the correction."""
     found, at = hand.states, stays.astype(int)
     if len(at):
         left, every = states[at] - found[at], np.arange(len(found))

@@ -211,10 +211,7 @@ def keys_of(windows: slice) -> slice:
 
 
 def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
-    """Cut a range of windows out of a take, as a separate problem.
-
-    An end of the range is fixed unless it is an end of the take.
-    """
+    """Cut a range of windows out as a separate problem. The range's ends inside the take are fixed."""
     fixed_ends = windows.start > 0, windows.stop < layout.num_windows
     return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
 

@@ -306,10 +306,7 @@ def _knee_forward(
 
 
 def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the sines (n, F) of the directions of bent knees and of the nose, positive forwards.
-
-    Return None if markers for both are missing.
-    """
+    """Return the sines (n, F) of the directions of bent knees and nose, positive forwards, or None without markers."""
     found = []
     hips, shoulders = _lateral(points, column, ("FWT",), 1), _lateral(points, column, ("SHO",), 1)
     if hips is not None:
