@@ -68,8 +68,8 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Joint error with two views, two takes", "bundle", "views_2_ours_mpjpe_mm", "mm"),
         ("Joint error relative to our BundleMoCap++, four views, three takes", "bundle", "mpjpe_ratio", ""),
         ("Solve time relative to our BundleMoCap++", "bundle", "seconds_ratio", ""),
-        ("Keypoint error with exact detections, bodies outside our shape space", "floor", "exact_points_mm", "mm"),
-        ("Keypoint error with detector noise, bodies outside our shape space", "floor", "noisy_points_mm", "mm"),
+        ("Keypoint error with exact detections, shapes outside the body model", "floor", "exact_points_mm", "mm"),
+        ("Keypoint error with detector noise, shapes outside the body model", "floor", "noisy_points_mm", "mm"),
         ("Frames with a lost limb in twenty fast takes", "floor", "frames_with_a_lost_limb", "frames"),
         (
             "Error of people solved in pairs, relative to people solved alone, worst of ten pairs",
@@ -78,8 +78,13 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
             "",
         ),
         ("Median error of the estimated start times of four cameras started by hand", "sync", "median_error", "frames"),
-        ("Wrong calibrations, pictures or names that were corrected", "agreement", "static_good_percent", "%"),
-        ("Pairs of such faults that were corrected", "agreement", "two_good_percent", "%"),
+        (
+            "Wrong calibrations, image orientations or names that were corrected",
+            "agreement",
+            "static_good_percent",
+            "%",
+        ),
+        ("Pairs of these faults that were corrected", "agreement", "two_good_percent", "%"),
         (
             "Rotated or moved cameras, or cameras from another take, that were corrected or harmless",
             "agreement",
@@ -88,7 +93,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ),
         ("Cameras late by 4 or 10 frames that were corrected or harmless", "agreement", "delay_good_percent", "%"),
         (
-            "These camera faults, with two people close together, that were corrected or harmless",
+            "All cases with a second person 1.3 m away that were corrected or harmless",
             "agreement",
             "company_good_percent",
             "%",
@@ -202,7 +207,7 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json 
 
 # Results
 
-To repeat a benchmark, run `python3 dev.py bench NAME`. The machine has {machine}. Only `bake`, `body`,
+To repeat a benchmark, run `python3 dev.py bench NAME`. We used one machine ({machine}). Only `bake`, `body`,
 `solve_in_blender` and `marker_speed` run without recordings. The other benchmarks look for recordings in the folder
 given by the variable `MOCAP_SHARED_DATA`, or in `shared/data` next to the repository, and print `skipped` if there are
 none. Most recordings are copies of public data (CMU, UI-PRMD, Pose2Sim, BTKData, nimblephysics and others) in our own
