@@ -26,9 +26,9 @@ def file_names(stem: str, *others: str) -> str:
 _MOTIONS = "live stream, motion denoise and hands add, and blender bake, export and retarget read motions."
 _KINDS = {
     "manifold_mocap_capture": ("a capture", "solve, info and cameras check read captures."),
-    "manifold_mocap_motion": ("a motion of our body", _MOTIONS),
+    "manifold_mocap_motion": ("a Manifold MoCap motion", _MOTIONS),
     "manifold_mocap_subject": ("a calibrated person", "solve, label and live read it as --subject."),
-    "manifold_mocap_skeleton": ("a clip of another skeleton", "motion converts it to a motion of our body."),
+    "manifold_mocap_skeleton": ("a clip of another skeleton", "motion convert converts it."),
     "manifold_mocap_actor": (
         "the motion of an actor",
         "blender retarget passes it between its processes.",

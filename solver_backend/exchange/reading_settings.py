@@ -86,8 +86,8 @@ class ReadingSettings:
 
     # fmt: off
     fps: float | None = _reading(
-        "number", None, "Frame Rate", "Frame rate, if the capture does not state it", low=1e-3, high=1e6, soft_high=240,
-        unit="Hz")
+        "number", None, "Frame Rate", "Frame rate, if the capture states none or a wrong one", low=1e-3, high=1e6,
+        soft_high=240, unit="Hz")
     joint_set: str | None = _reading(
         "text", None, "Keypoints", f"Joint set, if several match the number of keypoints: {_JOINT_SETS}",
         metavar="NAME", control="*Keypoints*", rare=True)

@@ -19,14 +19,12 @@ METHODS = (
         "BundleMoCap++",
         "Solve windows using only the detections, as in Albanis 2026 (thesis 6.2.5)",
     ),
-    Choice(
-        SLIDING, "Sliding Windows", "Solve windows with our pose mixture and Gauss-Newton steps, for very long takes"
-    ),
+    Choice(SLIDING, "Sliding Windows", "Solve windows with a pose mixture and Gauss-Newton steps, for very long takes"),
     Choice("frame", "Frame by Frame", "Solve each frame separately, for single poses"),
     Choice(
         NOISE_AWARE,
         "Noise-Aware",
-        "Estimate the reliability in each frame, for network landmarks (Albanis 2026, chapter 5)",
+        "Estimate each landmark's noise in each frame, for network landmarks (Albanis 2026, chapter 5)",
     ),
 )
 """Sources: thesis (Albanis 2026), 6.2.5 for 'bundlemocap++', eq. 6.5 for 'frame', eq. 5.8 for 'noise-aware'."""
@@ -96,7 +94,7 @@ class SolveSettings:
         unit="frames", methods=(SLIDING, BUNDLEMOCAP), rare=True)
     """Frames per window in both sliding methods, with a key at each end and ``interpolation`` - 1 keys between them."""
     refine_window: int = _method(
-        "whole", 10, "Refined Window", "Window length in the last passes, shorter for fast limbs",
+        "whole", 10, "Refined Window", "Window length in the last passes, shortened automatically in fast takes",
         low=2, high=240, unit="frames", methods=(GLOBAL,), rare=True)
     """The same for 'global', given as a duration in frames at 60 Hz. Fast takes use shorter windows, which are at least
     0.6 times as long with views and 0.4 times with markers."""

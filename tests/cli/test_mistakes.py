@@ -41,7 +41,7 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     ("solve empty.npz -o m.npz", "truncated", "Copy or export it again"),
     ("solve walk.fbx -o m.npz", "a skeleton motion", "motion convert"),
     ("solve take.tak -o m.npz", "OptiTrack Motive", "Export C3D"),
-    ("solve motion.npz -o m.npz", "is a motion", "read motions"),
+    ("solve motion.npz -o m.npz", "is a Manifold MoCap motion", "read motions"),
     ("solve capture.npz footage -o m.npz", "Unrecognized arguments: footage", "Usage: solve [CAPTURE]"),
     ("solve capture.npz -o m.npz --person Anna", "no person 'Anna'", "Omit the name"),
     # Where the result goes.
@@ -79,7 +79,7 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     # Motions, markers and Blender.
     ("evaluate capture.npz", "MOTION.npz is missing", "Usage: evaluate CAPTURE"),
     ("evaluate capture.npz motio.npz", "no such file", "motion.npz?"),
-    ("motion denoise capture.npz out.npz", "is a capture, but a motion of our body is expected", "read captures"),
+    ("motion denoise capture.npz out.npz", "is a capture, but a Manifold MoCap motion is expected", "read captures"),
     ("hands add motio.npz gloves.bvh -o m.npz", "no such file", "motion.npz?"),
     ("markers label capture.npz -o l.c3d", "no markers to label", "C3D"),
     ("blender bake", "MOTION.npz, -o/--out are missing", "Usage: blender bake"),

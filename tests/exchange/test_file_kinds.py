@@ -17,14 +17,14 @@ from tests.support.scenes import small_capture, small_motion
 
 def test_our_own_motion_is_no_clip_to_convert(tmp_path: Path) -> None:
     path = write_motion(tmp_path / "walk.npz", small_motion(2))
-    with pytest.raises(FileDamaged, match="is a motion of our body, but a clip of another skeleton is") as caught:
+    with pytest.raises(FileDamaged, match="is a Manifold MoCap motion, but a clip of another skeleton is") as caught:
         read_foreign_clip(path)
     assert "bake" in caught.value.hint and "manifold" not in str(caught.value)
 
 
 def test_a_capture_is_no_motion(tmp_path: Path) -> None:
     write_capture(tmp_path / "a.npz", small_capture(2))
-    with pytest.raises(FileDamaged, match="is a capture, but a motion of our body is expected"):
+    with pytest.raises(FileDamaged, match="is a capture, but a Manifold MoCap motion is expected"):
         read_motion(tmp_path / "a.npz")
 
 

@@ -71,7 +71,7 @@ def test_hand_pose_is_read(tmp_path: Path, files: Any) -> None:
         (
             {"format": np.array("manifold_mocap_capture")},
             FileDamaged,
-            "is a capture, but a motion of our body is expected",
+            "is a capture, but a Manifold MoCap motion is expected",
         ),
         ({"version": np.array(9)}, FileDamaged, "version 9, but this add-on reads up to 1"),
         (
