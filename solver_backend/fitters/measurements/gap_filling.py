@@ -82,7 +82,7 @@ def among(
 
 
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
-    """Return the weight of the error at a gap's start, in frame t: ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``."""
+    """Return the weight of a gap's start error in frame t of n: ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``."""
     away, span = times / lasting, (length + 1) / lasting
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # cannot overflow in long gaps
 
