@@ -220,8 +220,8 @@ recording. *Real* means recorded markers or videos. The other methods in the com
 The fault cases in *From several views* are held-out captures with one or two faults. A fault counts as harmless if the
 error grows by at most 15 %. [Accuracy](explanation/accuracy.md) explains the measures.
 
-The figures were measured between {first} and {last}. The search for wrong calibrations has changed since some of them
-were measured. The [research log](research-log/README.md) has later figures."""
+The figures were measured between {first} and {last}. Some of them are older than the current search for wrong
+calibrations. The [research log](research-log/README.md) has later figures."""
 
 
 def results_page() -> str:

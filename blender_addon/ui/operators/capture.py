@@ -68,7 +68,7 @@ def check_cameras(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Refine Calibration", CAMERAS)
 def refine_cameras(self: Any, context: bpy.types.Context) -> Steps:
-    """Correct the camera calibration with the detected people, if Check Calibration finds a problem."""
+    """Use the detected people to correct the camera calibration after Check Calibration reports a problem."""
     from ..scene_job import capture_file, folder_of_takes
 
     source = capture_file(context.scene.mocap.capture)
