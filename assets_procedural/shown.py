@@ -18,9 +18,9 @@ _LEAST_M = 2e-5  # Vertex movements below this are removed from the shapes.
 def build_shown(body: dict[str, Array]) -> dict[str, Array]:
     """Return the arrays of the file for Blender, given the arrays of the body file.
 
-    ``rows`` (N, 3, 9) are correctives of one vertex for one joint, in metres per unit of ``flatten(R_j - I)``.
-    ``shape_offset`` (M, 3) is a vertex offset in metres for a facial shape at value 1. ``look_material`` (L, F) has the
-    materials of F faces in L looks, and ``look_offset`` (K, 3) is a vertex offset in metres for a look.
+    Each of N ``rows`` (3, 9) is the corrective of a vertex for a joint, in metres per unit of ``flatten(R_j - I)``.
+    Each ``shape_offset`` (3,) is a vertex offset in metres for a facial shape at value 1. ``look_material`` (L, F) has
+    the materials of F faces in L looks. Each ``look_offset`` (3,) is a vertex offset in metres for a look.
     """
     real = {key: body[key].astype(np.float64) for key in ("v_template", "weights", "J", "posedirs")}
     faces, mirror = body["f"].astype(np.int64), body["mirror"].astype(np.int64)

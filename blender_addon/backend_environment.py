@@ -56,7 +56,7 @@ def environment_for_child(python: Path | None = None, inherited: Mapping[str, st
     ``PYTHONPATH`` contains only the solver. All other Python variables are removed, as in Blender, and Python does not
     search the working folder for modules. If the disk is nearly full, no byte code is written, because Python 3.11
     would leave a truncated file that breaks every later start. The included detector's wheels are used only in
-    Blender's Python, because they do not fit others.
+    Blender's Python, because other interpreters cannot load them.
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}

@@ -64,7 +64,7 @@ class ActorMissing(MocapError):
 
 
 class SolverStopped(MocapError):
-    """The solver ended with an error. This error has the same code."""
+    """The solver ended with an error. This exception has that error's code."""
 
     def __init__(self, event: ErrorEvent, exit_code: int) -> None:
         super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))

@@ -213,7 +213,7 @@ class _Mouth:
         return offsets
 
     def part_lips(self, offsets: Array) -> Array:
-        """Return offsets (V, 3) that keep the seam between the lips. Where the lips part, it moves into the mouth."""
+        """Return offsets (V, 3) that keep the seam between the lips. Where lips part, the seam moves into the mouth."""
         found, vertices = offsets.copy(), self._vertices
         upper, lower = (self._inner[(self._above[self._inner] > 0.5) == above] for above in (True, False))
         x = vertices[self._seam, 0]

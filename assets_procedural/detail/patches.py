@@ -42,7 +42,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Oval:
-    """The vertices inside an ellipse that is upright when seen from the front, without vertices far behind it."""
+    """An upright ellipse in the front view. Only vertices with z above ``least_z`` count as inside."""
 
     centre: Array
     radii: Array

@@ -300,7 +300,7 @@ _BODY_SIZE, _GRADATION = (0.0125, 0.030), 0.35
 
 @dataclass(frozen=True)
 class Plane:
-    """Border plane ``normal . p = offset``. Between corners ``low`` and ``high``, the mesh has an edge loop on it."""
+    """Border plane ``normal . p = offset``. In the box from ``low`` to ``high``, the mesh has an edge loop on it."""
 
     normal: tuple[float, float, float]
     offset: float

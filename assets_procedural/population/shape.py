@@ -249,7 +249,7 @@ def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measu
 
 
 def _within_population(loadings: Array, statistics: Statistics) -> Array:
-    """Scale components (M, 10) down so that two standard deviations stay within the 1st to 99th percentile."""
+    """Shrink components (M, 10) so that ±2 standard deviations keep all measures in the 1st to 99th percentile."""
     mean = population_mean(statistics)
     room = np.minimum(statistics.p99 - mean, mean - statistics.p01) - _MARGIN_M
     reach = np.max(2.0 * np.abs(loadings) / room[:, None], axis=0)
@@ -272,7 +272,10 @@ def _drivers() -> Array:
 
 
 def _principal_components(covariance: Array, metric: Array, driven: Array) -> tuple[Array, float]:
-    """Return the largest components (M, 8) that keep stature and trunk girth, and the variance fraction they keep."""
+    """Return the largest components (M, 8) that leave stature and trunk girth unchanged.
+
+    Also return the fraction of the variance that these and the two driven components explain.
+    """
     drivers = _drivers()
     crossed = covariance @ drivers
     residual = covariance - crossed @ np.linalg.solve(drivers.T @ crossed, crossed.T)

@@ -38,7 +38,7 @@ _OTHER_SPREAD_RAD = 0.18  # Standard deviation of all other joints.
 
 
 def sample_turns(name: str, count: int, rng: np.random.Generator, second: Bends = SECOND_BEND) -> Array:
-    """Sample rotation vectors (count, 3) in a joint's range. Every second one uses the joint's bend in ``second``."""
+    """Sample rotation vectors (count, 3) in a joint's range. Every second sample bends the joint as in ``second``."""
     part = name.split("_")[-1]
     vectors = rng.normal(size=(count, 3)) * _SPREAD_RAD.get(part, _OTHER_SPREAD_RAD)
     key = name.replace("right", "left")
@@ -69,7 +69,7 @@ def pose_features(rotations: Array) -> Array:
 
 
 def dual_quaternion_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Blend vertices (V, 3) by the bones' dual quaternions. Their signs match the strongest bone of each vertex."""
+    """Blend vertices (V, 3) by the bones' dual quaternions, with signs that match each vertex's strongest bone."""
     real = Rotation.from_matrix(turns).as_quat()
     dual = _dual_part(real, shifts)
     strongest = real[weights.argmax(axis=1)]
@@ -88,7 +88,7 @@ def _dual_part(real: Array, shifts: Array) -> Array:
 
 
 def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: Array) -> Array:
-    """Return rest offsets (N, V, 3) in metres with which linear blending gives dual-quaternion skinning."""
+    """Return rest offsets (N, V, 3) in metres. With them, linear blending matches dual-quaternion blending."""
     out = np.zeros((len(rotations), *vertices.shape), dtype=np.float32)
     mixed = np.nonzero(weights.max(axis=1) < 0.999)[0]
     for n, local in enumerate(rotations):
@@ -107,7 +107,7 @@ def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts
 
 
 def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
-    """Return masks (V, J - 1) of the skin at each joint: 1 where bones on both sides have weight, 0 far from it."""
+    """Return masks (V, J - 1) of the skin at each joint: 1 where bones on both sides have weight, 0 far away."""
     beyond = weights @ subtree_matrix(parents)[1:].T
     t = (np.minimum(beyond, 1.0 - beyond) / _MASK_FULL).clip(0.0, 1.0)
     return np.where(t < 1e-3, 0.0, t * t * (3.0 - 2.0 * t))

@@ -154,7 +154,7 @@ def shown_correctives(
 
 
 def _restored(vertices: Array, posed: Array, faces: Array, mask: Array, mush: DeltaMush, way: _Way) -> Array:
-    """Restore part of the lost volume and gained surface (see ``way``), by moves along smoothed gradients."""
+    """Move skin along smoothed gradients to restore part of the rest volume and surface area (see ``way``)."""
     shares, rest_areas = np.array([way.volume, way.surface]), vertex_areas(vertices, faces)
     used = np.flatnonzero(shares)
     if not len(used):

@@ -80,7 +80,7 @@ def _views(subject: RenderedTake, settings: PreviewSettings) -> list[tuple[View,
 
 
 def _view_count(subject: RenderedTake, settings: PreviewSettings) -> int:
-    """Return the number of cameras to show. Footage limits it, because decoding many images is slow."""
+    """Return the number of cameras to show. Views with footage are limited, because decoding is slow."""
     cameras = subject.cameras(settings.most_views)
     if not any(find_footage(camera.footage) for camera in cameras):
         return settings.most_views

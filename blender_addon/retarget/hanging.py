@@ -137,7 +137,7 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
 
 
 def _deepest(carries: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Return the deepest control (N,) that moves each control, or -1 if none does. ``carries[d, c]``: d moves c."""
+    """Return the deepest control (N,) that moves each control, or -1. ``carries[d, c]`` is true if d moves c."""
     likely = np.where(carries, 1 + depth[:, None], 0)
     return np.where(carries.any(0), likely.argmax(0), -1)
 

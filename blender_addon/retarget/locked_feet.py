@@ -54,8 +54,8 @@ def _hold_feet(
 ) -> tuple[np.ndarray, list[_Foot]]:
     """Return channels with heels and balls fixed during each contact, and the paths of both feet.
 
-    If heel and ball both touch the floor, the foot is rotated by the smallest angle to its mean direction, and the
-    ankle follows. Legs reach the ankle in the plane of hip, knee and ankle. The pelvis moves if a leg is too short.
+    If heel and ball both touch the floor, the foot is rotated by the smallest angle to its mean direction, which moves
+    the ankle. Each leg bends in its hip-knee-ankle plane to reach the ankle. If it is too short, the pelvis moves.
     """
     if len(channels) < 3:
         return channels, []

@@ -166,7 +166,7 @@ def _parts_of_bones(armature: bpy.types.Object, bones: dict[str, str]) -> dict[s
 def _rods(heads: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Return the part, start and end of each limb and trunk segment.
 
-    Hands, feet and toes are added as points of no part ("").
+    Hands, feet and toes are added as points that belong to no part ("").
     """
     trunk = ["pelvis", *chain_roles(dict.fromkeys(heads, ""), "spine"), "neck_1"]
     lines = [("trunk", a, b) for a, b in pairwise(trunk)]

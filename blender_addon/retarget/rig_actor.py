@@ -112,7 +112,7 @@ def read_rig_actor(
 def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m: float) -> tuple[Target, int] | None:
     """Return a rest pose taken from the most upright frame, and that frame's index, or None if there is no such frame.
 
-    This is for skeletons with all bones along one axis at rest, so that trunk and soles cannot be found.
+    Use this for skeletons with all bones along one axis at rest, because that pose does not show trunk and soles.
     """
     ups = bone_rotations(worlds)[:, 2]
     places = dict(zip(rest.roles, poses[..., :3, 3], strict=True))

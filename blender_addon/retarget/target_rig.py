@@ -178,7 +178,7 @@ def _is_locked(bone: bpy.types.PoseBone, role: str) -> bool:
 
 
 def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[str, str], notes: list[str]) -> None:
-    """Reject controls that do not respond, and note controls that only partly follow others."""
+    """Reject controls that do not respond, and add notes about controls that only partly follow others."""
     by_role = {role_of[name]: name for name in hanging.names}
     carrier = by_role.get("carrier") or by_role["pelvis"]
     if stuck := [name for name in hanging.held if not role_of[name].endswith("_pole")]:

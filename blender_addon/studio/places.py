@@ -130,7 +130,7 @@ def _material(step: int, limits_mm: tuple[float, float]) -> bpy.types.Material:
 
 
 def rows_of(verdicts: Sequence[Mapping[str, Any]], arrays: Sequence[str]) -> list[tuple[str, str]]:
-    """Return each camera array and a text with each method's mean joint error over the array's shots."""
+    """Return a row for each camera array: its name, and a text with each method's mean joint error over its shots."""
     return [(array, _line_of([v for v in verdicts if v["camera_array"] == array])) for array in arrays]
 
 

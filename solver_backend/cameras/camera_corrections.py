@@ -33,7 +33,7 @@ AS_CALIBRATED: Window = (1.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class CameraCorrection:
-    """A possible correction of a calibration, such as rotated images. The default changes nothing."""
+    """A possible correction of a calibration, for example for rotated images. The default changes nothing."""
 
     factor: float = 1.0  # Size of the recorded images relative to the calibrated ones.
     turn: int = 0  # Number of clockwise rotations by 90 degrees from the calibrated to the recorded images.
@@ -117,7 +117,7 @@ def _reshaped(cameras: Cameras, c: int, window: Window) -> Cameras:
     """Adapt one camera to the part of its image that was recorded, and to its pixel aspect ratio.
 
     Pixel u becomes ``u' = s (u + 0.5) + o - 0.5``, where s is the pixel aspect ratio and o shifts the left and top
-    edges. The image is not cropped at the right and bottom.
+    edges. The right and bottom edges stay where they are.
     """
     scale, offset = np.array([window[0], 1.0]), cameras.image_size[c, 1] * np.array(window[1:])
     K, sizes = cameras.K.copy(), cameras.image_size.copy()

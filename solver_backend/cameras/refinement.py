@@ -150,7 +150,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
 def _with_hands(
     handed: list[Keypoints2D], xy: np.ndarray, confidence: np.ndarray, frames: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Append the hand points of the people ``handed`` to body points (C, F, K, 2) and confidences (C, F, K)."""
+    """Append the hands of the people in ``handed`` to body points (C, F, K, 2) and confidences (C, F, K)."""
     for hands in (one.hands[:, frames] for one in handed if one.hands is not None):
         flat = hands.reshape(*hands.shape[:2], -1, 3)
         xy = np.concatenate([xy, flat[..., :2]], axis=2)

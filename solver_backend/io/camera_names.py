@@ -37,10 +37,10 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
     """Find each recorded camera in a calibration by name. Return indices, or None if names are ambiguous.
 
-    Four comparisons are tried until one assigns all cameras. The first compares ``name_key``. The second compares the
-    part that looks like a camera name (``Static_cam_01`` -> ``cam_01``). The third removes the common prefix and suffix
-    (``trial1_A`` and ``trial1_B``: ``A`` and ``B``). The last looks for the calibrated name among the words of a
-    recorded name (``Walk_Miqus_1_28984`` -> ``28984``). Each is also tried in reverse (``A`` -> ``camA``).
+    Comparisons are tried until one assigns all cameras. They use ``name_key``, the part that looks like a camera name
+    (``Static_cam_01`` -> ``cam_01``), or the part without the common prefix and suffix of all recorded names
+    (``trial1_A``, ``trial1_B`` -> ``A``, ``B``) or of all calibrated names. Finally, calibrated names are searched for
+    among the words of recorded names (``Walk_Miqus_1_28984`` -> ``28984``), or recorded names in calibrated names.
     """
     for read_recorded, read_calibrated in _WAYS:
         wanted, keys = read_recorded(recorded), read_calibrated(calibrated)

@@ -31,7 +31,7 @@ def _has_views(path: Path) -> bool:
 def _read_views(path: Path, options: ReadOptions) -> Capture:
     """Read a capture file with detections.
 
-    Diagnostics about the world are renewed, because the cameras may have changed since the file was written.
+    Diagnostics about the world are recomputed, because the cameras may have changed since the file was written.
     """
     from solver_backend.io.captures.agreement import bring_capture_to_one_time
 

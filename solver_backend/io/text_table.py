@@ -206,7 +206,7 @@ def rate_of(times: np.ndarray) -> float | None:
     """Compute the frame rate from times in seconds, or return None if it is undefined.
 
     Times have few decimals. If the median step, or a mean step close to it, gives an integer rate within 1 in 10,000,
-    that integer is returned. Otherwise the mean is more accurate.
+    return that integer. Otherwise, return the rate of the mean step, or of the median step if they differ by over 1 %.
     """
     times = times[np.isfinite(times)]
     steps = np.diff(times)
@@ -241,10 +241,10 @@ def different_count(items: str, stated: float | None, count: int) -> tuple[Diagn
 def frame_facts(
     numbers: np.ndarray | None, times: np.ndarray | None = None, rate: float | None = None, count: float | None = None
 ) -> tuple[float | None, tuple[Diagnostic, ...]]:
-    """Return a table's frame rate, or None if it is unknown. Also report contradictions.
+    """Return a table's frame rate, or None if it is unknown. Also report contradictions in the table.
 
-    Frame numbers may jump, times may contradict the rate, and the header may state another frame count. ``numbers`` and
-    ``times`` are (F,) columns or None. ``rate`` and the frame ``count`` come from the header.
+    These are jumps in the frame numbers, times that contradict the rate, and a header with another frame count.
+    ``numbers`` and ``times`` are (F,) columns or None. ``rate`` and the frame ``count`` come from the header.
     """
     rate, contradicted = (rate, ()) if times is None else _stated_rate(rate, times)
     if numbers is None:

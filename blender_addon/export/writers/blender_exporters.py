@@ -191,7 +191,7 @@ _HEADER = Struct("<12siiffi")  # Signature, version, points, first frame, frames
 def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
     """Yield the take unchanged, or with copies of its meshes that play a point cache.
 
-    A point cache is needed between scene frames, and if a Blender unit is not one metre.
+    A point cache is needed if frames of the take are between scene frames, or if a Blender unit is not one metre.
     """
     if take.is_on_frames and take.metres_a_unit == 1.0:
         yield take

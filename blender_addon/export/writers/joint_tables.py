@@ -114,7 +114,7 @@ def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
 def _write(
     path: Path, head: list[str], fps: float, positions: np.ndarray, *, first: int, delimiter: str, decimals: int
 ) -> None:
-    """Write header lines, and a row for each frame: number, time in seconds and joint positions, from (F, J, 3)."""
+    """Write header lines, then one row per frame: frame number, time in seconds, joint positions from (F, J, 3)."""
     at = np.arange(len(positions))
     rows = np.column_stack([first + at, at / fps, positions.reshape(len(positions), -1)])
     formats = ["%d", "%.9f", *([f"%.{decimals}f"] * (rows.shape[1] - 2))]

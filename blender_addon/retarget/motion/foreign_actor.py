@@ -32,8 +32,8 @@ def actor_of_bones(
     """Convert the motion of a rig's bones to an actor with SMPL's joints. ``places`` are the bone heads.
 
     If a bone has rotation D_c from rest and map pose A_c, the joint's rotation is ``D_c A_c^T``. If this actor's motion
-    is transferred to a rig with the same rest pose, its bone has rotation D_c again. Missing joints are placed as in
-    the add-on's body, scaled by the leg length.
+    is transferred to a rig with the same rest pose, the rig's bone has rotation D_c again. Missing joints are placed as
+    in the add-on's body, scaled by the leg length.
     """
     index = {role: c for c, role in enumerate(rest.roles)}
     own = {role: turns[c] @ A[c].T for role, c in index.items()}

@@ -112,7 +112,7 @@ fingertip and a palm centre, and for two palms, which may be rotated and shifted
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return wrist positions (F, 3) by role that keep the target's hands in contact while the actor's hands are.
+    """Return wrist positions (F, 3) by role that keep the target's hands together while the actor's hands touch.
 
     Each hand moves by half of the mean gap between touching pairs of points. The correction fades out as the contact
     ends.

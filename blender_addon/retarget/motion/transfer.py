@@ -108,7 +108,7 @@ def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
 def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
-    """Return ankle goals (F, 3) by role. If contacts are held, also rotate planted feet and toes in ``turns``."""
+    """Return ankle goals (F, 3) by role. With ``hold_contacts``, also rotate planted feet and toes in ``turns``."""
     low = find_low_feet(actor.rest, actor.joints, actor.contacts)
     goals = {}
     for path in limbs.foot_paths(actor, target, turns, scale):
@@ -123,7 +123,7 @@ def _foot_goals(
 
 
 def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
-    """Return the target's hip path (F, 3): the actor's path, scaled, and raised if the target's ankles are higher."""
+    """Return the target's hip path (F, 3): the actor's scaled path, plus the difference in ankle height."""
     hips = scale * actor.joints[:, _HIPS].mean(1)
     feet = [c for c in (target.index(f"{side}_foot") for side in SIDES) if c >= 0]
     if not feet:
@@ -231,7 +231,7 @@ def _follow_limbs(actor: Actor, target: Target, turns: np.ndarray, places: np.nd
 def _pole(
     target: Target, turns: np.ndarray, places: np.ndarray, pole: int, bones: list[int], A: np.ndarray, axis: np.ndarray
 ) -> np.ndarray:
-    """Return the positions (F, 3) of an IK pole. It keeps its rest position relative to the limb and its hinge."""
+    """Return the positions (F, 3) of an IK pole, which keeps its rest position relative to the limb and its hinge."""
     upper, _, end = bones
     rest = target.heads
     own = limb_frame(rest[end] - rest[upper], A[upper].T @ axis)

@@ -157,10 +157,7 @@ class _BundleState:
     delays: np.ndarray
 
     def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _BundleState:
-        """Add a step to all cameras (19 C,) and to all bodies (B, 3 or 6), and return the new state.
-
-        Each of the C cameras has 19 parameters.
-        """
+        """Add steps (19 C,) to the 19 parameters of C cameras, and steps (B, 3 or 6) to B bodies. Return the result."""
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
         t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
@@ -181,7 +178,7 @@ class _Task:
     turning: slice  # Rotation parameters among a body's six. Single points have no rotation.
 
     def whole(self, values: np.ndarray) -> np.ndarray:
-        """Expand values of the unknown camera parameters to all 19 C parameters. Fixed parameters get zeros."""
+        """Expand values of unknown parameters to all 19 parameters of C cameras (19 C,). Fixed parameters get zeros."""
         C = len(self.start)
         full = np.zeros((C, CAMERA_PARAMETERS, *values.shape[1:]))
         full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
@@ -291,7 +288,7 @@ class _Equations:
         return cls(U, V, pair.reshape(B, C * P, J_body.shape[-1]), by_camera.ravel(), by_body)
 
     def solved(self, free: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-        """Solve the damped normal equations. Return the steps of all cameras (C P,) and all bodies (B, 3 or 6)."""
+        """Solve the damped normal equations for steps of P parameters per camera (C P,) and of bodies (B, 3 or 6)."""
         V_inverse, W, S, g = self._reduced(free, damping)
         diagonal = np.einsum("ii->i", S)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(free.T @ self.U @ free), 1e-12))
@@ -312,9 +309,9 @@ class _Equations:
         return V_inverse, W, S, g
 
     def covariance(self, free: np.ndarray, gauge: int) -> np.ndarray:
-        """Return the covariance (C P, C P) of the camera parameters.
+        """Return the covariance (C P, C P) of P parameters of each of C cameras.
 
-        It is the inverse of the reduced normal equations, without their ``gauge`` smallest eigenvalues.
+        It is the inverse of the reduced normal equations without the ``gauge`` smallest eigenvalues.
         """
         _, _, S, _ = self._reduced(free, 0.0)
         if not len(S):

@@ -208,7 +208,7 @@ def planar_pose(
 
 
 def _centred(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centre points at the origin, and scale their mean distance from it to √2. Also return the matrix (3, 3)."""
+    """Shift and scale points to mean 0 and mean distance √2 from the origin. Also return this transform (3, 3)."""
     mean = points.mean(0)
     scale = np.sqrt(2.0) / max(float(np.linalg.norm(points - mean, axis=1).mean()), 1e-12)
     return (points - mean) * scale, np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])

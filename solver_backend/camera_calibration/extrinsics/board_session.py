@@ -182,9 +182,9 @@ def widen_by_halves(
     """Enlarge the standard deviations of cameras to match the difference between two halves of the footage.
 
     The errors of corners in the same image are correlated (lens model, flatness, print), so a covariance for
-    independent corners is too small. A calibration from half of the footage has twice the variance of a calibration
-    from all footage, so the difference between two halves has four times this variance: ``σ = |difference| / 2``. All
-    cameras get the same two factors, for centres and for rotations. The lenses stay fixed.
+    independent corners is too small. A calibration from all footage has a variance σ², and one from half of
+    the footage 2 σ². The difference between two halves has the variance 4 σ², so that ``σ = |difference| / 2``. One
+    factor enlarges the deviations of all centres, and another one those of all rotations. The lenses stay fixed.
     """
     moments = sorted(set().union(*seen))
     halves: list[Cameras] = []
@@ -263,7 +263,7 @@ def calibrate_by_board(
     *,
     coverage: Path | None = None,
 ) -> CalibratedCameras:
-    """Calibrate cameras from videos of a board that a person moves through their views.
+    """Calibrate cameras from videos of a board that a person moves through the cameras' views.
 
     Args:
         known: lenses that are already calibrated, by camera name.

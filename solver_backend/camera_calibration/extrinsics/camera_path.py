@@ -178,7 +178,7 @@ def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
 def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[int, int, np.ndarray, np.ndarray] | None:
     """Find the later keyframe that has the most parallax to keyframe ``start``, or return None if all have too little.
 
-    Return both indices, and the rotation and translation from ``start`` to the later keyframe.
+    Return the indices of both keyframes, and the rotation and translation from ``start`` to the later one.
     """
     rng, best = np.random.default_rng(0), (0.0, start, 0, np.eye(3), np.zeros(3))
     for key in range(start + 1, len(keys)):

@@ -347,9 +347,9 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:
     """Estimate the rotation, translation and scale that align cameras with their counterparts in ``to``.
 
-    Each camera is represented by its centre and two points on its axes, at a distance comparable to that between
-    cameras. Reweighted least squares minimises first the sum of distances, then the sum of their square roots. A few
-    moved cameras therefore do not affect the result.
+    Each camera is represented by its centre and two points on its axes. Their distance from the centre is similar to
+    the distances between cameras. Reweighted least squares minimises first the sum of distances, then the sum of their
+    square roots. A few moved cameras therefore do not affect the result.
     """
     arm = np.linalg.norm(to.centres - to.centres.mean(0), axis=1).mean()
     theirs = to.centres[:, None] + arm * _ARMS @ to.R

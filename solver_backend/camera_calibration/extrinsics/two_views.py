@@ -236,9 +236,9 @@ def inverted(a: Pose) -> Pose:
 def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
     """Estimate the transform from the first to the second camera, given the board's poses in common frames.
 
-    In each frame, the board's poses T in the two cameras give the candidate ``T_second T_first⁻¹``. The candidate with
-    the smallest median distance to all others is used. In a single frame, a flat board may allow two poses. This
-    rejects the wrong one.
+    In each frame, the board's poses T in the two cameras give the candidate ``T_second T_first⁻¹``. Some
+    candidates may be wrong, because a flat board may allow two poses in a frame. The candidate with the smallest median
+    distance to the other candidates is returned.
     """
     proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
     R, t = np.stack([p[0] for p in proposals]), np.stack([p[1] for p in proposals])

@@ -149,7 +149,7 @@ def _rigid(R: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
-    """Convert a camera's pose in the world to extrinsics (4, 4) with OpenCV's axes, or None if it is invalid."""
+    """Convert a camera-to-world pose to extrinsics (4, 4) with OpenCV's axes. Return None if the pose is invalid."""
     if pose.shape != (4, 4) or not (np.abs(pose) <= FARTHEST_IN_UNITS).all():
         return None
     pose = pose @ _rigid(axes, np.zeros(3))
@@ -287,7 +287,7 @@ def _chained(steps: _Steps, name: str) -> np.ndarray:
 
 
 def _multical(tree: Values) -> Content | None:
-    """Read multical's ``cameras`` and ``camera_poses``. A pose named ``a_to_b`` is the pose of a relative to b."""
+    """Read multical's cameras, or return None for other files. The pose ``a_to_b`` is the pose of a relative to b."""
     cameras, poses = tree.get("cameras"), tree.get("camera_poses")
     if not isinstance(cameras, Mapping) or not isinstance(poses, Mapping):
         return None

@@ -272,7 +272,7 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:
-    """Split the lines of a COLMAP file into fields, without comments. ``every=2`` skips lines of points."""
+    """Split a COLMAP file's lines into fields, without comments. ``every=2`` skips each image's line of points."""
     lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
     return [line.split() for line in lines[::every] if line.strip()]
 

@@ -127,7 +127,7 @@ def _in_order(names: list[str]) -> tuple[list[str], bool]:
 
 
 def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
-    """Convert the cells of the given columns to numbers. Empty cells are NaN. A missing column (None) is 1."""
+    """Convert the cells of the given columns to numbers. Empty cells are NaN. A missing column (None) contains ones."""
     there = [column for column in columns if column is not None]
     values = np.ones((len(rows), len(columns)))
     if rows and there:

@@ -138,7 +138,7 @@ def rate_of(times: np.ndarray, fps: float | None) -> float:
 
 
 def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]:
-    """Yield the points of a recording in parts (F, ``most``, 3) of at most ``frames`` frames."""
+    """Yield the points of up to ``frames`` frames at a time, as (F, ``most``, 3) with NaN after the last point."""
     blocks = (block for block in read_blocks(stream) if isinstance(block, LiveBlock))
     while taken := list(islice(blocks, frames)):
         part = np.full((len(taken), most, 3), np.nan, np.float32)

@@ -51,12 +51,12 @@ def _rising_times(times: np.ndarray, path: Path) -> np.ndarray:
 
 
 def _no_angles(frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return NaN arrays for both hands: A joint angles (F, 2, A) and palm rotations (F, 2, 3, 3)."""
+    """Return NaN for the joint angles (F, 2, A) and the palm rotations (F, 2, 3, 3) of both hands."""
     return np.full((frames, 2, NUM_ANGLES), np.nan), np.full((frames, 2, 3, 3), np.nan)
 
 
 def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Compute A joint angles (F, A) and palm rotations (F, 3, 3) from hand points (F, 21, 3).
+    """Compute joint angles (F, A) and palm rotations (F, 3, 3) from hand points (F, 21, 3).
 
     If the fingers bend backwards, the points are a mirror image and are mirrored first.
     """

@@ -89,7 +89,7 @@ def _strings(items: tuple[str, ...]) -> np.ndarray:
 
 
 def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
-    """Return the fields that store one person's keypoints. N user-defined points are (C, F, N, 3)."""
+    """Return the fields that store one person's keypoints, including N user-defined points (C, F, N, 3)."""
     named = keypoints.named
     arrays = {"fps": np.array(float(named.fps)), "xy": named.xy.astype(np.float32)}
     arrays |= {"confidence": named.confidence.astype(np.float32), "joint_set": np.array(named.joint_set.value)}

@@ -163,7 +163,7 @@ def detect_videos(
     file name consists of the video name and a hash of the video's bytes and the detector.
 
     Args:
-        jobs: number of simultaneous processes, or 0 for one per core. If there are fewer, each one uses several cores.
+        jobs: number of simultaneous processes, or 0 for one per core. Fewer processes use several cores each.
         again: detect the people again, even if detections are stored.
         cameras: camera names. The default is the video names.
         show: called every few seconds with the most recent images.

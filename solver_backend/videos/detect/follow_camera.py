@@ -98,8 +98,8 @@ def without_camera_motion(
 ) -> tuple[tuple[VideoDetections, ...], WorldSettings, list[Diagnostic]]:
     """Correct the detections for camera rotation, or add the path of a moving camera to the settings.
 
-    A path given by the user describes all camera motion. Otherwise, a path is estimated if rotation alone does not
-    explain the motion of the background.
+    If the settings already contain a path from the user, nothing changes. Otherwise, a path is estimated if rotation
+    alone does not explain the motion of the background.
 
     Args:
         out: file for the estimated path. An existing file is removed.

@@ -140,7 +140,7 @@ class Records:
     def making(self, output: Path, made_of: Any = None) -> Iterator[None]:
         """Mark an output as ours before it is written, so that the next run may replace it if it is incomplete.
 
-        If ``made_of`` is given, it is recorded as the output's inputs afterwards.
+        If the inputs ``made_of`` are given, they are recorded after the output has been written.
         """
         self._keys[output.name] = _BEGUN
         self._write()

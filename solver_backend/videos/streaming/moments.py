@@ -347,7 +347,8 @@ class LiveMoments:
     def moments(self) -> Iterator[ViewMoment | EventLine]:
         """Yield moments and camera events until fewer than two cameras remain.
 
-        The next moment is detected while the current one is solved.
+        A moment is a set of simultaneous images. The next one is processed by the detectors while the current one is
+        solved.
         """
         start = time.perf_counter() + AHEAD_S
         for view in self.views:

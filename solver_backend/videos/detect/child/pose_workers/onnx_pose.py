@@ -29,7 +29,8 @@ def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, in
 def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[np.ndarray, float]:
     """Scale an image to fit into a grey image of the given width and height. Also return the scale s.
 
-    It is at the top left corner if ``corner`` is True, otherwise centred. At the corner, ``x' + 1/2 = s (x + 1/2)``.
+    The scaled image is at the top left corner if ``corner`` is True, so that pixel x becomes x' with
+    ``x' + 1/2 = s (x + 1/2)``. Otherwise, it is centred.
     """
     width, height = size
     scale = min(width / rgb.shape[1], height / rgb.shape[0])
