@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -23,6 +24,7 @@ from solver_backend.agreement.evidence import (
     epipolar_distances,
 )
 from solver_backend.agreement.hypotheses import CONVERGED, SPREAD
+from solver_backend.agreement.person_tracks import SMALLEST_ANGLE_SIN2
 from solver_backend.agreement.reading import MIN_CONFIDENCE, extent, sample
 from solver_backend.agreement.synchronisation import USUAL_SIGMA_SHARE
 from solver_backend.cameras.projection import undistort
@@ -30,6 +32,7 @@ from solver_backend.cameras.robust_triangulation import INLIER_SIGMAS, ROBUST_SI
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras, Keypoints2D
 
 _STEP = np.sqrt(np.finfo(float).eps)  # Step of numerical derivatives, for half of the digits.
@@ -112,8 +115,16 @@ class ComparedViews:
             changed += [epipolar_distances(poses[i], pose, *one, *other) for pose in moved[j]]
             columns = [0, *range(1 + 3 * i, 4 + 3 * i), *range(1 + 3 * j, 4 + 3 * j)]
             slopes = (np.stack(changed, axis=-1) - off[..., None]) / _STEP
-            known = np.isfinite(slopes).all(-1)  # cameras at one position have no epipolar lines
+            known = np.isfinite(slopes).all(-1) & self._off_epipoles[i, j]
             yield columns, off[known], slopes[known], np.nonzero(known)[1]
+
+    @cached_property
+    def _off_epipoles(self) -> np.ndarray:
+        """(C, C, F, J) mask of points between two views that do not face each other, so that the lines are definite."""
+        ways = unit(np.stack([rays for rays, _ in self._rays(0.0)]) @ self.cameras.R[:, None])
+        base = unit(self.cameras.centres[:, None] - self.cameras.centres)
+        along = np.square(np.einsum("cfjd,ced->cefj", ways, base))
+        return np.fmax(along, np.swapaxes(along, 0, 1)) < 1 - SMALLEST_ANGLE_SIN2
 
     def _rays(self, log: float) -> list[tuple[np.ndarray, float]]:
         """Return each view's rays (F, J, 3) and the person's size, with log focal lengths increased by ``log``."""

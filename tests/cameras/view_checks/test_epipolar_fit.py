@@ -9,6 +9,8 @@ import pytest
 
 from solver_backend.agreement.epipolar_fit import ComparedViews
 from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import JointSet, Keypoints2D
+from tests.support.scenes import detected, ring_of_cameras, walker
 
 CAMERAS, KEYPOINTS = demo_capture().require_multiview()
 
@@ -43,6 +45,16 @@ def test_the_fit_recovers_a_factor_and_a_turn() -> None:
     K[:, [0, 1], [0, 1]] /= 1.08
     fit = ComparedViews(replace(cameras, K=K), xy).fit()
     assert fit is not None and abs(fit.log - np.log(1.08)) < 3 * fit.sigma < 0.1
+
+
+def test_a_person_between_cameras_that_face_each_other_does_not_make_the_fit_surer() -> None:
+    """Close to an epipole, an epipolar line has any direction."""
+    cameras, rng = ring_of_cameras(4), np.random.default_rng(1)
+    xy, confidence = detected(cameras, walker(JointSet.COCO_17, 120, (0.0, 0.0), (0.0, 0.0)), rng)
+    xy = xy + rng.normal(0.0, 6.0, (4, 1, xy.shape[2], 2))  # constant errors of each view's keypoints
+    views = ComparedViews.of(cameras, Keypoints2D(xy, confidence, JointSet.COCO_17, 30.0))
+    assert views is not None and (fit := views.fit()) is not None
+    assert abs(fit.log) < 3 * fit.sigma
 
 
 def test_nothing_is_known_of_nobody() -> None:
