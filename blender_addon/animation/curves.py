@@ -117,7 +117,7 @@ def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | No
 
 
 def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
-    """Remove a property's curves. Return the times and types (K, 2) of the first curve's keys, or None."""
+    """Remove a property's curves. Return times and types (K, 2) of the first curve's keys, or None without curves."""
     curves = [curve for curve in target.container.fcurves if curve.data_path == path]
     if not curves:
         return None
@@ -241,7 +241,7 @@ def _points(times: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _enum_value(prop: str, *names: str) -> int:
-    """Return the ``foreach_set`` number of the first of these enum items that this Blender version has."""
+    """Return the number of a keyframe property's enum item: the first of ``names`` that this Blender version has."""
     items = bpy.types.Keyframe.bl_rna.properties[prop].enum_items
     return next(items[name].value for name in names if name in items)
 

@@ -123,7 +123,7 @@ def merge_range(
 
 
 def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
-    """Return a sign (1 or -1) per quaternion. Multiplied by it, the new curves continue the old ones without a flip."""
+    """Return a sign (1 or -1) per quaternion. New curves multiplied by it continue the old ones without a flip."""
     before = times.first - times.step
     products: dict[str, float] = {}
     for (path, index), curve in new.items():

@@ -166,7 +166,7 @@ def add_correctives(
 
 @once_a_body
 def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.ndarray, np.ndarray, list[int], bool]:
-    """Return a body's corrective table. If the body's right half mirrors the left half, its rows are omitted.
+    """Return a body's corrective table, without the right half if it mirrors the left half.
 
     The other results are the vectors of the N rows in the bones' axes (N, 3, 3, 3), the first row of each vertex (V,),
     the joints that have correctives, and whether the right half was omitted.

@@ -106,7 +106,7 @@ def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float,
 
 
 def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
-    """Express ``row`` as a sum of related locations. Return [] if inaccurate or not shorter than the sum of betas."""
+    """Express ``row`` as a sum of related locations. Return [] if inaccurate or as long as the sum of betas."""
     if not related:
         return []
     rows = np.stack([d.row for d in related])

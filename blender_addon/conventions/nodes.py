@@ -40,7 +40,7 @@ def enabled(sockets: Iterable[bpy.types.NodeSocket], name: str = "") -> Any:
 
 
 def math(tree: bpy.types.NodeTree, operation: str, *sources: Any, kind: str = "") -> Any:
-    """Add a math node and return its output. With ``kind="Vector"`` it computes with vectors."""
+    """Add a math node and return its output. ``kind="Vector"`` adds a vector math node."""
     return add_node(tree, f"ShaderNode{kind}Math", *sources, operation=operation).outputs[0]
 
 

@@ -76,7 +76,7 @@ def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> Comma
 
 
 def _one(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a copy of the target's file. Its rig plays the motion."""
+    """Write a copy of the target's file in which its rig plays the motion."""
     for path in (args.source, args.target):
         if not path.is_file():
             raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")

@@ -82,7 +82,7 @@ def channels_of(armature: bpy.types.Object) -> Channels:
 
 
 def frames_of(action: bpy.types.Action) -> np.ndarray:
-    """Return the (F,) scene frames of a take's frames, or all whole frames in the range of another action."""
+    """Return the (F,) scene frames of a take's frames. For any other action, return the whole frames in its range."""
     first, last = action.frame_range
     step = laid_rate(action) / float(action["fps"]) if is_take(action) else 1.0
     step = 1.0 if abs(step - 1) < 1e-6 else step

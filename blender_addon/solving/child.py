@@ -22,9 +22,9 @@ _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 def of_base_python(command: Sequence[str], environment: Mapping[str, str]) -> tuple[Sequence[str], Mapping[str, str]]:
     """Return a command and an environment that run this Python without a launcher in between.
 
-    On Windows, the Python of a virtual environment starts the base Python as a child process. Ending or measuring that
-    child would then affect only that launcher. The base Python reads the environment from a variable, as in
-    ``multiprocessing.popen_spawn_win32``.
+    On Windows, the Python of a virtual environment is a launcher that starts the base Python as a child process. Ending
+    or measuring the started process would then affect only the launcher. The base Python reads the environment from a
+    variable, as in ``multiprocessing.popen_spawn_win32``.
     """
     base = getattr(sys, "_base_executable", sys.executable)
     if sys.platform != "win32" or command[0] != sys.executable or base == sys.executable:

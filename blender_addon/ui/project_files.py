@@ -324,7 +324,7 @@ def _old_base() -> Path | None:
 
 
 def _is_kept(link: _Link, path: Path) -> bool:
-    """Return whether a path is a folder relative to the .blend file, which moves with the file."""
+    """Return whether a path is a folder relative to the .blend file. Such a folder moves with the file."""
     base = _old_base()
     return link.key == "folder" and link.text.startswith("//") and (base is None or path.is_relative_to(base))
 

@@ -68,7 +68,7 @@ class Stride:
 
 @dataclass(frozen=True)
 class Gait:
-    """Foot strikes, toe-offs and strides in a take, with times in seconds from its first frame."""
+    """Foot strikes, toe-offs and strides in a take, with times in seconds from the first frame of the take."""
 
     strikes: dict[str, np.ndarray]  # By side.
     offs: dict[str, np.ndarray]  # By side.
@@ -152,14 +152,14 @@ def _events_of_foot(
 
 
 def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
-    """Return a list with the fractional frame after ``first`` at which the heel stops falling, or an empty list."""
+    """Return a list with the fractional frame at which the heel stops falling after ``first``, empty if it does not."""
     part = fall[first : first + int(LANDING_S * fps) + 1]
     landed = np.flatnonzero((part[:-1] < -LANDING_M_S) & (part[1:] >= -LANDING_M_S))
     return [first + int(k) + float((-LANDING_M_S - part[k]) / (part[k + 1] - part[k])) for k in landed[:1]]
 
 
 def _turns(curve: np.ndarray, reach: float) -> list[int]:
-    """Return frame 0 and a curve's (F,) turning points, between which the curve changes by at least ``reach``."""
+    """Return frame 0 and the turning points of a curve (F,). Between them, the curve changes by at least ``reach``."""
     slope = np.diff(curve)
     extremes = np.flatnonzero(slope[1:] * slope[:-1] <= 0.0) + 1
     found, at, rises = [0], 0, None
@@ -184,7 +184,7 @@ def _vertex(curve: np.ndarray, at: int) -> float:
 def _strides(
     side: str, strikes: np.ndarray, offs: np.ndarray, heel: np.ndarray, pelvis: np.ndarray, fps: float
 ) -> list[Stride]:
-    """Return the strides with exactly one toe-off between foot strikes. The length is NaN on a treadmill."""
+    """Return the strides between a foot's strikes that contain exactly one toe-off. Lengths are NaN on a treadmill."""
     found, frames = [], np.arange(len(heel)) / fps
 
     def way(points: np.ndarray, start: float, end: float) -> float:

@@ -26,7 +26,7 @@ ELBOW_AXIS, PRONATION_AXIS = np.array([0.226, 0.022, 0.974]), np.array([0.056, 0
 
 
 def _hinges(first: np.ndarray, other: np.ndarray, *, middle: bool) -> tuple[np.ndarray, ...]:
-    """Return unit axes: two hinges and their common perpendicular, which is second if ``middle``, otherwise third."""
+    """Return the unit axes of two hinges and their common perpendicular, which is second if ``middle``, else third."""
     a, b = first / np.linalg.norm(first), other / np.linalg.norm(other)
     c = np.cross(b, a) if middle else np.cross(a, b)
     c = c / np.linalg.norm(c)

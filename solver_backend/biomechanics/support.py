@@ -92,9 +92,9 @@ def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _margin(touching: np.ndarray, centre: np.ndarray) -> float:
-    """Return the distance from c to the edge of the convex hull of the points p, positive inside.
+    """Return the distance from ``centre`` c to the edge of the convex hull of ``touching`` points p, positive inside.
 
-    ``min_u (max_i u·p_i - u·c)`` over unit vectors u. Without points, the result is NaN.
+    The distance is ``min_u (max_i u·p_i - u·c)`` over unit vectors u. Without points, the result is NaN.
     """
     if not len(touching):
         return np.nan

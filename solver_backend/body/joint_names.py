@@ -109,7 +109,7 @@ def _is_skeleton(places: set[str], vocabulary: str) -> bool:
 def _as_joints(places: dict[str, str]) -> dict[str, str]:
     """Convert keypoint locations to joint locations, unless keypoints of the face show that a detector was used.
 
-    If there is no ankle, the foot at the end of a leg is used as the ankle (Human3.6M).
+    If no label is an ankle, the foot at the end of a leg is used as the ankle (Human3.6M).
     """
     if {re.sub("left_|right_", "", place) for place in places.values()} & _FACE:
         return places

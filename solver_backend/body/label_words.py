@@ -34,7 +34,7 @@ class Sides:
     letters: tuple[Letters, ...]  # Pairs of letters, one pair per language, English first.
 
     def by_token(self, letters: Letters = ENGLISH) -> dict[str, str]:
-        """Map the words and letters that mean a side to L or R. They must be separate from the name in a label."""
+        """Map the words and letters for a side, which are separate from the name in a label, to L or R."""
         short = {word: side for pair in self.short for word, side in zip(pair, "LR", strict=True)}
         return short | self.words | dict(letters)
 
@@ -157,7 +157,8 @@ class LabelWords:
     def known_in(self, text: str) -> tuple[str, frozenset[str]]:
         """Return the side that a text names ("" for none or both sides), and the known words in the text.
 
-        A single letter that is not a side may change the meaning of the words. The result is then empty.
+        A single unknown letter may change the meaning of the words. If the text contains one, the side and the words
+        are empty.
         """
         by_token = self.sides.by_token(ENGLISH)
         tokens = self._joined([token.upper() for token in _TOKENS[0].findall(spelt(text))])

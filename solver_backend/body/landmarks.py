@@ -169,7 +169,7 @@ def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
 def _others(
     xp: Any, pairs: _LandmarkPairs, G: Array, local: Array, lever_map: Array, correction: Array | None
 ) -> Array:
-    """Return the Jacobian (F, 3, 3, N), by frame, axis, tangent and pair, of the N pairs that are not whole."""
+    """Return the Jacobian (F, 3, 3, N), by frame, axis, tangent and pair, of all pairs that are not whole."""
     frames, num_pairs = G.shape[0], len(pairs.landmark)
     lever = xp.matmul(xp.reshape(xp.permute_dims(G, (0, 2, 1, 3)), (3 * frames, -1)), lever_map)
     lever = xp.reshape(lever, (frames, 3, num_pairs))
@@ -231,7 +231,10 @@ def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _Landm
 
 
 def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
-    """Return joints with correctives, the correctives padded with zeros to equal width, and the columns in use."""
+    """Return the k joints with correctives, their matrices (k, 9, 9 w), and the indices of the columns in use.
+
+    A joint has correctives for up to w landmarks. The columns of missing landmarks are zero.
+    """
     joints = tuple(int(k) for k in np.flatnonzero(corrected.any(0)))
     width = int(corrected.sum(0).max(initial=0))
     # D_k vec([e_a]x R) = D' vec(R): the cross product is folded into the constant.

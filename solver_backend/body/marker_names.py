@@ -25,8 +25,9 @@ _WAIST = ("FWT", "MWT")  # Pelvis locations where the skin moves with the hips.
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
     """Choose the location of each ambiguous label, and omit labels without a clear choice.
 
-    Locations that another label has are excluded. If several remain, only locations on an arm or leg with other labels
-    count. ``LateralEpicondyleL`` belongs to the elbow if only arms have markers, or if the knee has another label.
+    Locations that another label has are excluded. If several remain, the location must be on an arm or leg that also
+    has other labels. ``LateralEpicondyleL`` belongs to the elbow if only arms have markers, or if the knee has another
+    label.
     """
     limbs = {limb for place in known if (limb := limb_of(place, file))}
     found: dict[str, str] = {}
@@ -342,7 +343,7 @@ def _parts(bare: Mapping[str, str]) -> dict[str, str]:
 
 
 def _to_the_left(cloud: MarkerCloud, pairs: Sequence[tuple[str, str]], labels: Sequence[str]) -> np.ndarray:
-    """Return each marker's median distance in metres to the left of the median plane between the pairs."""
+    """Return the median distance in metres of each label to the left of the plane midway between the ``pairs``."""
     column = {label: i for i, label in enumerate(cloud.labels or ())}
     left, right = (cloud.positions[:, [column[pair[side]] for pair in pairs]].mean(axis=1) for side in (0, 1))
     across = (left - right) / np.maximum(np.linalg.norm(left - right, axis=-1, keepdims=True), 1e-9)

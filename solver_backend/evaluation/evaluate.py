@@ -234,7 +234,7 @@ def _of_truth(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray,
 
 
 def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the points (F, N, 3) of the motion and of the reference, and the N names that both have."""
+    """Return the points (F, N, 3) of the motion and of the reference, and the N names that they have in common."""
     markers = capture.markers
     seen = np.isfinite(markers.positions).all(-1).any(0) if markers else ()
     labels = (markers and markers.labels) or ()
@@ -255,7 +255,7 @@ def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndar
 
 
 def _moved_mpjpe_mm(found: np.ndarray, true: np.ndarray) -> float:
-    """Return the MPJPE in mm after one rigid alignment of the take, because the two have different worlds."""
+    """Return the MPJPE in mm after one rigid alignment of the whole take to the reference, which has another world."""
     both = np.isfinite(true).all(-1) & np.isfinite(found).all(-1)
     if both.sum() < _LEAST_POINTS:
         return float("nan")

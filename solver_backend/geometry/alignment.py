@@ -54,7 +54,8 @@ def umeyama(
 def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "n 3 3"]:
     """Return (n, 3, 3) rotations from the world (Z up) to n upright cameras that face a target.
 
-    The rows are right, down and forward. If a camera looks straight up or down, the top of its image points to y.
+    The rows are right, down and forward. If a camera looks straight up or down, the top of its image points along the
+    world's Y axis.
     """
     forward = target - centres
     forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)

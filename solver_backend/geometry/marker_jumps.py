@@ -42,8 +42,9 @@ def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
     """Return an (M,) mask of markers that jump away from, or back to, all their neighbours at once.
 
-    This is stricter than ``jumping``, and is used for reports. At 30 Hz, the feet of a walking person differ by more
-    than ``JUMP_M`` at every step, but the other markers on the same foot move with them.
+    This is stricter than ``jumping``, and is used for reports. In a walk at 30 Hz, one foot moves by more than
+    ``JUMP_M`` per frame relative to the other foot. This is not a jump, because the other markers on the same foot move
+    with it.
     """
     moved = np.diff(points, axis=0)
     leaves = np.zeros(points.shape[1], dtype=bool)
@@ -81,7 +82,10 @@ def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all: bool = False) -> bool:
-    """Return whether the distances to the neighbours jump in a gap: their median, or all of them if ``of_all``."""
+    """Return whether a marker's distances to its neighbours jump across a gap.
+
+    The median jump must exceed ``GAP_JUMP_M``. If ``of_all`` is true, every jump must exceed it.
+    """
     seen = np.isfinite(points[:, marker]).all(-1)
     for first, last in true_runs(~seen):
         if first == 0 or last == len(points) - 1:

@@ -44,7 +44,7 @@ class Obstacles:
         return replace(self, planes=self.planes[1:])
 
     def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signed distances (...) in metres from points (..., 3) to the nearest obstacle, and its normals.
+        """Return signed distances (...) in metres from points (..., 3) to the nearest obstacle, and their gradients.
 
         Distances are negative inside. Meshes farther than ``reach`` are ignored. If no mesh is in reach and there are
         no planes, the distance is infinite. A point is inside a mesh if the nearest triangle faces away from it. If

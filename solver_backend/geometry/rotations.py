@@ -231,7 +231,11 @@ def _length(v: Array) -> Array:
 
 
 def _coefficients(v: Array, *wanted: int) -> list[Array]:
-    """Return the functions of ``θ = |v|`` with the numbers ``wanted``. Small angles use series."""
+    """Return coefficients of rotation formulas as functions of ``θ = |v|``, with Taylor series for small angles.
+
+    ``wanted`` selects them by number: ``sinθ/θ`` (0), ``(1 - cosθ)/θ²`` (1), ``(θ - sinθ)/θ³`` (2) and
+    ``(1 - θ/2 cot θ/2)/θ²`` (3).
+    """
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SERIES_BELOW

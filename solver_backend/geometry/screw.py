@@ -54,7 +54,7 @@ class ScrewPath:
         return cls(found.rotation, found.transl, xp.reshape(by_keys, (windows, count, keys, 6, 6)))
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Convert derivatives (W·n, 3) w.r.t. the frames to derivatives (W, k, 3) w.r.t. the keys."""
+        """Convert derivatives w.r.t. rotations and translations from the W·n frames (W·n, 3) to the keys (W, k, 3)."""
         xp = array_namespace(by_turn)
         windows, count, keys = self.by_keys.shape[:3]
         by_frames = xp.reshape(xp.concat([by_turn, by_transl], axis=1), (windows, 1, count * 6))

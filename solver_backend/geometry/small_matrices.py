@@ -82,7 +82,7 @@ def any_coordinate(mask: Array) -> Array:
 
 
 def all_coordinates(mask: Array) -> Array:
-    """Return a (...) mask that is true where all d entries of (..., d) are true, for small d."""
+    """Return a mask (...) that is true where all d entries of a mask (..., d) are true. It is fast only for small d."""
     every = mask[..., 0]
     for i in range(1, mask.shape[-1]):
         every = every & mask[..., i]

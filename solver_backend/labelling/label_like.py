@@ -69,7 +69,7 @@ def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the triple products (...) of the unit vectors from points (..., 3) to three points each (..., 3, 3)."""
+    """For each point (..., 3), return the triple product (...) of its unit vectors to three ``others`` (..., 3, 3)."""
     along = unit(others - points[..., None, :])
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
@@ -351,7 +351,10 @@ def _misfit(one: TakeShape, other: TakeShape, x: np.ndarray, y: np.ndarray | int
 
 
 def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarray) -> float:
-    """Return the gain from swapping two markers, by triple products that each contain two of the most rigid others."""
+    """Return how much better the triple products of two takes agree if two markers are swapped in one take.
+
+    Each triple product contains the two swapped markers and two of the most rigid other markers.
+    """
     gain = 0.0
     around = [int(c) for c in np.argsort(-rigid, kind="stable")[:OTHERS] if rigid[c] > 0.1]
     for c, d in combinations(around, 2):
@@ -363,7 +366,10 @@ def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarr
 
 
 def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[float, float]:
-    """Return mean and variance of ``u · (v × w)``: u is the pair's direction, and v and w point to markers c and d."""
+    """Return the mean and variance over the take of the triple product ``u · (v × w)`` of unit vectors.
+
+    u is the direction of the marker pair. v and w point from the pair's middle to the markers c and d.
+    """
     first, second = points[:, pair[0]], points[:, pair[1]]
     middle = 0.5 * (first + second)
     u, v, w = (unit(part) for part in (second - first, points[:, c] - middle, points[:, d] - middle))

@@ -50,7 +50,7 @@ _ROWS = 512  # Number of tracklets compared with all others at once.
 
 @dataclass(frozen=True)
 class Votes:
-    """Readings of K frames by the network, and the sums of its votes for C chains."""
+    """The network's results for K frames, and the sums of its votes for the labels of C chains of tracklets."""
 
     frames: np.ndarray  # (K,) frames that were read.
     landmarks: np.ndarray  # (K, 77, 3) markers and joints in metres.
@@ -121,10 +121,10 @@ LEAST_FRAMES = 10  # Smallest number of frames that show all four markers.
 def with_head_forward(
     positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, bound: dict[int, int]
 ) -> np.ndarray:
-    """Return each chain's label, with the head's labels rotated by quarter turns if the head faces sideways.
+    """Return each chain's label. If the head faces sideways, the labels of its markers are shifted by quarter turns.
 
-    If a head is wider than long, its distances also fit after a quarter turn. A head with a user-assigned label
-    (``bound``, by chain) does not change.
+    If a head is wider than long, the distances between its markers also fit after a quarter turn. If the user assigned
+    a label of the head (``bound``, by chain), no label changes.
     """
     if any(label in AROUND for label in bound.values()):
         return labels
@@ -269,9 +269,10 @@ def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
 
 
 def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Return a (53,) mask of markers for which the limb from the marker's joint outwards fits the body.
+    """Return a (53,) mask that is true for markers on a limb that fits the body.
 
-    This excludes wrists with a marker bar, where the fitted body mistakes one end of the bar for the hand.
+    The limb consists of the marker's joint and all joints below it. The mask excludes wrists with a marker bar, where
+    the fitted body mistakes one end of the bar for the hand.
     """
     squared = ((markers - places) ** 2).sum(axis=-1)
     laid = moved & np.isfinite(squared)

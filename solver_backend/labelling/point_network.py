@@ -29,7 +29,7 @@ _DM = 0.1  # Metres per decimetre, which is the unit of the network's positions 
 
 @dataclass(frozen=True)
 class CloudReading:
-    """Network outputs for B clouds with N points: scores of 53 markers and a ghost, and 77 landmark positions."""
+    """Network outputs for B clouds of N points: scores of 53 markers and no marker (ghost), and 77 landmarks."""
 
     scores: Float[np.ndarray, "clouds points labels"]  # (B, N, 54) score of each label, ghost last.
     missing: Float[np.ndarray, " markers"]  # (53,) score of a marker without a point.

@@ -25,8 +25,8 @@ Chosen by hand."""
 class PositionNetwork:
     """Network that estimates only landmark positions, such as the UNet in thesis 4.3.
 
-    A point x has the log probability ``-|x - m_k|² / 2σ²`` for marker k at ``m_k``, and ``-d² / 2σ²`` for being no
-    marker, with d = ``GHOST_M``.
+    A point x is the marker k at ``m_k`` with log probability ``-|x - m_k|² / 2σ²``. It is no marker with log
+    probability ``-d² / 2σ²``, where d is ``GHOST_M``.
     """
 
     session: Any  # Onnxruntime session: ``points`` and ``seen`` to ``positions`` (B, L, 3), 53 markers first.

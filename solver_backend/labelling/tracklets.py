@@ -88,7 +88,7 @@ def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
 
 
 def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: np.ndarray, fps: float) -> np.ndarray:
-    """Return each tracklet's chain. A chain continues if one tracklet starts near its end, and no other is as near."""
+    """Return each tracklet's chain. A tracklet continues a chain that ends nearby, if no other one starts as near."""
     count = len(column)
     chain = np.arange(count)
     if count < 2:
@@ -374,7 +374,7 @@ def _evidence_of(
 
 
 def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return the distances (53, 53) between the counterparts of each two markers on the other side of the body.
+    """For each pair of markers, return the distance (53, 53) between their counterparts on the other side of the body.
 
     The distance is NaN if the two markers are on different sides. Otherwise, a chain with a label of the wrong side
     would be its own counterpart.

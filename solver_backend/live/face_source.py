@@ -145,7 +145,7 @@ def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:
 
 
 def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | None = None) -> Iterator[LiveLine]:
-    """Convert the frames and events that ``listen`` yields to output lines. A recorder receives each frame first."""
+    """Yield output lines for the frames and events from ``listen``. A recorder, if given, stores each frame first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):

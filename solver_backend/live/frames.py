@@ -145,8 +145,8 @@ class KeepUp:
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
     """Read a stream in a thread, as its frames arrive, and yield them in order.
 
-    A frame is due when it arrives or when the sender's clock reaches its time, whichever is later. All lines of a file
-    arrive before their times. They are late only if they are output after these times.
+    A frame is due when it arrives or when the sender's clock reaches its time, whichever is later. The lines of a file
+    arrive early, all at once. A line is late only if it is output after its time.
     """
     waiting: Queue[PointFrame | BaseException | None] = Queue(_MOST_WAITING)
     gone = Event()

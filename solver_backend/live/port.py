@@ -115,7 +115,7 @@ def rounded_face(channels: dict[str, float]) -> dict[str, float]:
 
 
 class OneSender(ABC, Generic[Content, Frame]):
-    """Base class that decodes the packets of a single sender to frames, in order. It counts faults by kind."""
+    """Base class that decodes the packets of a single sender into frames, in order. It counts faults by kind."""
 
     words: ClassVar[tuple[str, str]]
     """Messages for packets from another sender, and for invalid packets."""
@@ -187,7 +187,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         return True
 
     def pass_time(self, clock: float | None, arrived: float) -> float:
-        """Return the seconds since the first frame, by the sender's clock unless it was reset."""
+        """Return the seconds since the first frame, by the sender's clock, or by arrival times after a clock reset."""
         if self._before is not None:
             passed = arrived - self._before
             step = None if clock is None or self._clock_before is None else clock - self._clock_before

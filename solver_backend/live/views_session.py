@@ -157,8 +157,8 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
         """Return the person's (C, K, 2) pixels and (C, K) confidences, missing in views that do not show the person.
 
-        Limbs may look swapped between left and right compared with the last pose. They are corrected only if more
-        keypoints then agree between views. Otherwise, the last pose may be wrong.
+        Compared with the last pose, limbs may look swapped between left and right. They are swapped back only if more
+        keypoints then agree between views, because the last pose may be wrong.
         """
         K, count = self.joint_set.num_keypoints, len(self.cameras.names)
         seen = np.full((count, K, 3), np.nan)

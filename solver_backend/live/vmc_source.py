@@ -219,7 +219,7 @@ def pose_lines(
     recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
 ) -> Iterator[LiveLine]:
-    """Convert the frames and events that ``listen`` yields to output lines. The recorders receive each frame first."""
+    """Yield output lines for the frames and events from ``listen``. Recorders, if given, store each frame first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):

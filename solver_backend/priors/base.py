@@ -75,7 +75,7 @@ class AutoencodingPrior(PosePrior):
     """Metadata of the weights: command, data, evaluation and ``sha256``. Empty if there are no weights."""
 
     def reconstruct(self, rotations: Array) -> Array:
-        """Encode and decode (N, 21, 3, 3) poses: ``G(E(θ))`` (thesis eq. 4.1)."""
+        """Encode and decode (N, 21, 3, 3) poses: ``G(E(θ))`` with encoder E and decoder G (thesis eq. 4.1)."""
         return self.decode(self.encode(rotations))
 
 

@@ -73,7 +73,7 @@ class GaussianOnSphere(AutoencodingPrior):
         return self._prior.sample(count, seed)
 
     def _flat(self, u: Array) -> tuple[Array, Array]:
-        """Return the (N, d) Gaussian codes of codes u, and their (N, 1) last coordinates b."""
+        """Convert codes u on the sphere to Gaussian codes (N, d). Also return the last column b (N, 1) of ``Bᵀ u``."""
         xp, parts = array_namespace(u), array_namespace(u).matmul(u, constant(self._basis, u))
         height = xp.clip(parts[:, -1:], LEAST_HEIGHT)
         return self._scale * parts[:, :-1] / height, height

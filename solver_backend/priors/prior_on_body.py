@@ -16,7 +16,7 @@ UNCOVERED_SIGMA_RAD = 0.5  # Standard deviation from rest of joints without a pr
 
 
 def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingPrior:
-    """Extend a prior to all joints that a solve of this body rotates. A prior that has them is unchanged.
+    """Extend a prior to all joints that a solve of this body rotates. A prior for exactly these joints is not changed.
 
     Raises:
         PriorInvalid: the prior's arrays do not match its joints or codes, or the body has none of its joints.
@@ -26,7 +26,7 @@ def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingP
 
 
 class PriorOnBody(AutoencodingPrior):
-    """Prior for a body that has other joints than the wrapped prior. Joints without a counterpart stay at rest."""
+    """Adapter of a prior to a body with other joints. Joints that the wrapped prior does not model stay at rest."""
 
     def __init__(self, prior: AutoencodingPrior, joints: tuple[str, ...]) -> None:
         self._prior, self.name, self.metadata, self.joints = prior, prior.name, prior.metadata, joints
@@ -86,7 +86,7 @@ class PriorOnBody(AutoencodingPrior):
 
 
 def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) -> Array:
-    """Return poses of ``count`` joints with the joints ``taken`` in the columns ``put``, and other joints at rest."""
+    """Return poses of ``count`` joints. Columns ``put`` get the input columns ``taken``. All others are at rest."""
     xp = array_namespace(rotations)
     rest = constant(np.eye(3), rotations) + zeros((rotations.shape[0], count, 3, 3), rotations)
     rest[:, index(put, rotations)] = xp.asarray(rotations)[:, index(taken, rotations)]

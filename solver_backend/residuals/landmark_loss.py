@@ -31,7 +31,7 @@ class LandmarkLoss(Protocol):
         ...
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost at the unknowns ``own`` (F, n). ``squared`` (F, L) is divided by the initial variances."""
+        """Return the cost of squared distances (F, L), divided by initial variances, at the unknowns ``own`` (F, n)."""
         ...
 
 

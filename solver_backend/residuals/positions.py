@@ -71,8 +71,9 @@ class PositionTerm(Rows):
 class RelativePositionTerm:
     """Term for measured positions that have an unknown common shift t in each frame.
 
-    ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``. The shift itself has no penalty. It is set
-    to ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i``, the best shift without ``rho``.
+    ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``, for landmarks y and measured positions m.
+    The shift itself has no penalty. It is set to ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i``, the best shift
+    without ``rho``.
     """
 
     positions: Array  # (F, L, 3) metres, finite everywhere.

@@ -429,7 +429,7 @@ LARGEST_INTERLEAVE_S = 0.02  # Longest delay in seconds between the exposures of
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
-    """Return the clocks of sensors on one trigger. Sensor c exposes ``c · interleave`` seconds after it.
+    """Return the clocks of sensors on one trigger. Sensor c exposes ``c · interleave_s`` seconds after the trigger.
 
     Raises:
         CommandLineInvalid: the interleave is negative or too long.

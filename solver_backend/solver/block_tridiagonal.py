@@ -137,10 +137,10 @@ class _Inner:
         return steps
 
     def marginals(self, diagonal: Array, upper: Array, some: slice) -> tuple[Array, Array]:
-        """Return the covariances of the blocks ``some``, and of their inner with the next block's outer unknowns.
+        """Return the covariances of the blocks ``some``, and their inner unknowns' covariances with the next block.
 
-        ``diagonal`` are the covariances of each block's outer unknowns, and ``upper`` are their covariances with the
-        outer unknowns of the next block.
+        The second result refers to the outer unknowns of the next block. ``diagonal`` are the covariances of each
+        block's outer unknowns, and ``upper`` are their covariances with the outer unknowns of the next block.
         """
         xp = array_namespace(diagonal)
         X, Y, across = self.own[some], self.further[some], upper[some]

@@ -28,7 +28,7 @@ _WAIT_S = 0.5  # Seconds to wait for finished takes in each loop. Chosen by hand
 def dispatch(
     work: Work, source: Listed | Watched, engine: Engine, progress: Progress, ended: Callable[[TakeRecord, bool], None]
 ) -> None:
-    """Process all takes from a source. Pass each record to ``ended``, with True if an earlier run finished it."""
+    """Process all takes from a source. Pass each record to ``ended``, with True if it comes from an earlier run."""
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0
     while True:

@@ -45,7 +45,7 @@ class TakeWatch:
         self._limits, self._start = limits, time.monotonic()
 
     def over_limit(self, pid: int) -> MocapError | None:
-        """Return an error if a process exceeds a limit, or None."""
+        """Return an error if a process exceeds a limit, otherwise None."""
         seconds, most_mb = self._limits.seconds, self._limits.memory_mb
         if seconds is not None and time.monotonic() - self._start > seconds:
             message = f"The take took longer than {seconds:g} s and was stopped."

@@ -113,7 +113,7 @@ def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "fa
 
 
 def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRecord:
-    """Add the record in a take's folder to a new record, if it was made from the same inputs."""
+    """Add the record in a take's folder to a new record, if both were made from the same inputs."""
     known = read_record(folder)
     if known is None and not is_free(folder):
         message = "The take's folder contains files that no batch wrote."

@@ -58,7 +58,7 @@ class Takes:
         return Step("solve", solve), *others
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Process one step of a take. Return its output file names, its notes and the results of the worst solve."""
+        """Process a step of a take. Return output file names and notes, and for a solve the worst person's results."""
         if step == "solve":
             return _solve(self.request, self.choices["settings"], item, place)
         outputs, notes, shared = list[str](), list[str](), {"overwrite": True, "body": self.request.body}

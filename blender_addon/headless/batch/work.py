@@ -79,7 +79,7 @@ class Work(Protocol):
         ...
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Process one step. Return its output file names, its notes and the results of the worst solve."""
+        """Process one step. Return its output file names and notes, and for a solve the worst person's results."""
         ...
 
     def plain(self) -> Plain:

@@ -41,7 +41,7 @@ _NAMED = ("known", "unknown", "computed", "doubled")
 
 
 def _take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
-    """Store a capture's marker object, and the meaning and gaps of each label, after the solver has read it."""
+    """Store the marker object of a capture that the solver has read, and the meaning and gaps of each label."""
     names = result.get("marker_names") or {}
     capture.markers = result["markers"] or 0
     capture.subjects = ", ".join(names.get("subjects", ()))

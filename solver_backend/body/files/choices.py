@@ -41,7 +41,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
 
 
 def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
-    """Return axis-angles (r, 3) of the r unsolved joints, or None for SMPL: relaxed fingers, and 0 for other joints."""
+    """Return axis-angles (r, 3) of the r unsolved joints: relaxed for fingers, 0 for others. SMPL gives None."""
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):

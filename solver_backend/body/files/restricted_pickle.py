@@ -148,7 +148,7 @@ class Dialect:
 
 
 class Machine:
-    """Interpreter for one pickle. Objects of the ``classes`` (dotted names) become placeholders, and no code is run."""
+    """Pickle interpreter that runs no code. Objects of the ``classes`` (dotted names) become placeholders."""
 
     def __init__(
         self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None

@@ -292,7 +292,7 @@ class Oak(OakPipeline, Device):
 
 
 def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
-    """Return the rectified left cameras with their factory lenses. All poses are the origin, as they are unknown.
+    """Return the rectified left cameras with their factory lenses. Unknown poses are set to the identity.
 
     Raises:
         SensorFailed, CalibrationMissing: a device is missing or not calibrated.

@@ -425,7 +425,7 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _zeros(indices: list[np.ndarray]) -> list[float]:
-    """Return each sensor's device time at the start. The host's times align devices with different clocks."""
+    """Return each sensor's device time at the recording's start. Different clocks are aligned by the host's times."""
     firsts = np.array([rows[0, 1:] if len(rows) else (np.nan, np.nan) for rows in indices])
     if not np.isfinite(firsts).any():
         return [0.0] * len(indices)

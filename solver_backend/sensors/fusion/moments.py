@@ -154,7 +154,7 @@ class FusedPoints:
 
 
 def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoints:
-    """Fuse the markers of a moment by covariances ("test") or within ``radius_m`` ("radius")."""
+    """Fuse markers seen at one time if their covariances agree ("test"), or if within ``radius_m`` ("radius")."""
     time = float(np.mean([s.time for s in sightings])) if sightings else 0.0
     if clusters == "radius":
         return _within_radius(time, sightings)
@@ -295,7 +295,8 @@ class Finding:
 class Gatherer:
     """Groups frames of different sensors that are less than half of ``period_s`` apart into moments.
 
-    A moment waits for its last sensor for at most ``wait_s`` on the host's clock, or without limit if it is None.
+    A moment waits for its last sensor for at most ``wait_s`` seconds on the host's clock. If ``wait_s`` is None, it
+    waits without limit.
     """
 
     def __init__(self, names: tuple[str, ...], period_s: float, wait_s: float | None = None) -> None:

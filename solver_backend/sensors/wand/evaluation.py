@@ -95,7 +95,7 @@ def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
 def findings_of(
     views: Sequence[WandView], array: CalibratedCameras, clocks: Clocks, options: WandOptions
 ) -> tuple[Diagnostic, ...]:
-    """Return warnings about a wand calibration: other lights, large errors and different clocks."""
+    """Return warnings about a wand calibration: frames with other lights, large errors and different clocks."""
     found = [item for view in views for item in view.findings]
     for view in views:
         if view.crowded:
@@ -113,7 +113,7 @@ def findings_of(
 def notes_of(
     moments: Moments, together: np.ndarray, names: tuple[str, ...], options: WandOptions
 ) -> tuple[Diagnostic, ...]:
-    """Return notes about a wand calibration: its evidence and its world origin."""
+    """Return notes about a wand calibration: how often the sensors saw the wand together, and the world's origin."""
     i, j = np.unravel_index(np.argmin(together + 1e9 * np.eye(len(names))), together.shape)
     wand = "marker"
     if options.wand is not None:

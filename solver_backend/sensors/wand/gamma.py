@@ -77,9 +77,9 @@ def ground_from_gamma(
 ) -> Ground:
     """Compute the up axis, floor and origin from the robust mean of the points that match a Γ.
 
-    Each cloud contains the (N, 3) points of one frame in metres, including any other points. Up is ``u × v / |u × v|``
-    for the long edge u and the short edge v. The sensors' positions (C, 3) reveal a mirrored Γ, because they must be
-    above the floor.
+    Each cloud contains the (N, 3) points of one frame in metres, which may include points outside the Γ. Up is
+    ``u × v / |u × v|`` for the long edge u and the short edge v. The sensors' positions (C, 3) reveal a mirrored Γ,
+    because they must be above the floor.
 
     Raises:
         GammaNotFound: too few clouds contain the Γ.

@@ -181,7 +181,7 @@ def _poses_by_lights(
 
 
 def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Raise WandInvalid if the middle light's measured position on the wand is over 10 % off the description."""
+    """Raise WandInvalid if the middle light's measured position differs by over 10 % from the wand's description."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         message = f"The middle light divides the wand at {share:.3f}, but the lengths give {wand.short_share:.3f}."

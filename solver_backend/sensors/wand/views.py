@@ -166,12 +166,11 @@ def distances(lights: Float[np.ndarray, "*batch 3 axes"]) -> Float[np.ndarray, "
 
 
 def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F, 3) indices of the wand's lights, and the (F,) mask of frames with certain lights.
+    """Return the (F, 3) indices of the wand's lights, and the (F,) mask of frames in which the indices are certain.
 
     The middle light is between the other two. It is nearer to the end of the wand's shorter part, unless the wand
-    points at the camera and perspective reverses this. ``flat`` are undistorted normalised coordinates with the
-    standard deviation ``sigma``. The lights are in any order. The coordinates are NaN if fewer than three lights are
-    visible.
+    points at the camera and perspective reverses this. ``flat`` are undistorted normalised coordinates of the lights in
+    any order, with the standard deviation ``sigma``. They are NaN if fewer than three lights are visible.
     """
     rows = np.arange(len(flat))
     known = np.isfinite(flat).all((-1, -2))
@@ -334,7 +333,7 @@ def is_sensor_folder(path: Path) -> bool:
 def sensor_views(
     folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
 ) -> list[WandView]:
-    """Read the sensors' recordings of a single marker. Frames with several markers count as crowded.
+    """Read the sensors' recordings of a single marker. Frames with several markers are counted as ``crowded``.
 
     Raises:
         PicturesDiffer: infrared images, depth images and calibration have different sizes.
@@ -442,7 +441,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
 
 
 def _view(path: Path, lens: Lens) -> WandView:
-    """Read a sensor's wand table. Times with several rows count as crowded."""
+    """Read a sensor's wand table. Times with several rows show other lights, and are counted as ``crowded``."""
     table, with_depth = read_table(path)
     if not with_depth:
         px = table[:, 1:].reshape(-1, 3, 2)
