@@ -52,7 +52,7 @@ class LiveOutput:
 
     Args:
         proportions: function that returns the person's layout and rest joints, or None for a run without poses.
-        recorders: recorders of this run. The result names the first one's file.
+        recorders: recorders of this run. The result names the file of the first recorder.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class LiveOutput:
 def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
     """Return the paths of a finished recorder's files, by key.
 
-    ``recorded`` is this run's recording. If it would be empty, its key is ``not_recorded``. ``recovered`` is the
+    The key of this run's recording is ``recorded``, or ``not_recorded`` if it has no frames. ``recovered`` is the
     recording of an earlier run that was killed.
     """
     if recorder is None:

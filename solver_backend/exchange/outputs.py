@@ -46,10 +46,10 @@ def probe(folder: Path) -> None:
 
 @contextmanager
 def unfinished_names(folder: Path) -> Iterator[str]:
-    """Yield an unguessable name prefix. At the end, remove all files and folders with names that start with it.
+    """Yield an unguessable name prefix, and finally remove all files and folders whose names start with it.
 
-    While the prefix is in use, a locked file shows this to other processes. The system releases the lock when this
-    process ends. Leftovers of processes that ended without cleaning up are removed first.
+    First, leftovers of processes that ended without cleaning up are removed. Within the ``with`` block, a locked file
+    shows other processes that the prefix is in use. The system releases the lock when this process ends.
     """
     held = folder / f"{_PART}-{os.urandom(8).hex()}"
     handle = os.open(held, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -263,7 +263,7 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
 
 
 def _unfinished(beginning: str, path: Path, number: int) -> str:
-    """Return a temporary name with the suffix of ``path``. If the name is too long, ``number`` replaces it."""
+    """Return a temporary name with the suffix of ``path``. If the name is too long, ``number`` replaces its stem."""
     name = beginning + path.name
     return name if len(os.fsencode(name)) <= _LONGEST_NAME else f"{beginning}{number}{path.suffix}"
 

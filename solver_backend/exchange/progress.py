@@ -86,7 +86,7 @@ class ConsoleProgress(_Paced):
 
 
 class JsonProgress(_Paced):
-    """Writes progress as JSON lines: at the start and end of each stage, and at most once per interval between."""
+    """Writes progress as JSON lines at the start and end of each stage, and otherwise at most once per interval."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Write a progress event at the start and end of a stage, and otherwise at most once per interval."""

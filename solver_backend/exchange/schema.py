@@ -107,7 +107,10 @@ class Fields:
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
-        """Raise ``FileDamaged`` if the file states another format or a later version. Both are optional in the file."""
+        """Raise ``FileDamaged`` if the file states another format or a later version.
+
+        A file without a format or version is accepted.
+        """
         found = self.text("format", name)
         if found != name:
             raise other_kind(found, name, str(self.path))

@@ -270,7 +270,7 @@ def find_loop(
 
 
 def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tuple[int, int]]:
-    """Return the first and last frame of each cycle, best first. In a cycle, the first frame replaces the last one.
+    """Find cycles in a motion, best first. Return the first and last frame of each, which show similar poses.
 
     Frame pairs are compared by the positions and velocities of the joints relative to the body's position and direction
     (Kovar et al. 2002, "Motion Graphs"), and by foot contacts. The nearest pairs are compared joint by joint.
@@ -342,7 +342,7 @@ def _lowest(near: np.ndarray) -> np.ndarray:
 
 
 def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEND_S, *, stay: bool = False) -> Loop:
-    """Close a range of frames into a cycle. The first frame replaces the last one.
+    """Close a range of frames into a cycle. The last frame is removed, because the first frame follows in its place.
 
     Args:
         blend_s: seconds on each side during which the difference fades, at most half the cycle.

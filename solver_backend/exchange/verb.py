@@ -203,7 +203,7 @@ class Program:
         return args
 
     def parser(self, group: str = "") -> Parser:
-        """Return the parser for a verb's name, optionally within a group. Its help lists the verbs."""
+        """Return the parser for the program, or for a group of its verbs. Its help lists the verbs."""
         name, of_group = f"{self.name} {group}".strip(), self.groups.get(group, "")
         about = f"{of_group[:1].upper()}{of_group[1:]}." if group else self.description
         usage = f"{name} [-h]{' [--version]' * bool(self.version and not group)} VERB ..."

@@ -74,7 +74,7 @@ def _value(key: str, value: Any, tables: Tables) -> Any:
 
 @cache
 def _texts() -> dict[str, str]:
-    """Return texts by name. Setting descriptions contain these names in braces."""
+    """Return the texts that replace names in braces, such as ``{formats}``, in descriptions of settings."""
     from .video_settings import DETECTORS
 
     return {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}

@@ -75,7 +75,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Label points (F, N) with the network. Return each point's column in the reference take, or -1.
+    """Label points (F, N) with the network. Return each point's column in the reference take, -1 if unknown.
 
     Return None if the network cannot label the points, or knows too few markers of the reference.
     """
@@ -91,9 +91,9 @@ def _proposed(
 
 
 def _columns(reference: MarkerCloud, network: PointNetwork) -> np.ndarray:
-    """Return the reference column of each marker that the network knows, or -1.
+    """Return each network marker's column in the reference take, or -1 if the take lacks this marker.
 
-    If the labels identify too few markers, the network also labels the reference's points.
+    If the take's labels identify too few markers, its points are labelled by the network.
     """
     labels = reference.labels or ()
     known = name_markers(labels).known
@@ -144,7 +144,7 @@ def person_of_nameless(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> MarkerSubject:
-    """Find unlabelled markers in labelled takes that move with a bone, and add them to a person's record."""
+    """In labelled takes, find unlabelled markers that move with a bone, and add them to a person's record."""
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person

@@ -47,7 +47,7 @@ with half the points named, and 178 to 514 mm in 60 sets of 40 to 100 random poi
 
 
 def needs_labels(cloud: MarkerCloud) -> bool:
-    """Return whether a solve needs more labelled markers, or half of the points have no name."""
+    """Return whether too few labels are known for a solve, or at least half of the visible points are unnamed."""
     if cloud.labels is None:
         return True
     names = _names(cloud)
@@ -166,9 +166,10 @@ def _doubt_of_person(take: LabelledTake) -> str:
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
-    """Return None if the network can label the points, or the capture to solve if there are too many.
+    """Check whether a take has too many points for the labelling network.
 
-    With too many points, the capture is solved with its own names, if enough points have names.
+    Return None if the network can label the points. Otherwise, return the capture to solve with the names that it
+    already has.
 
     Raises:
         MarkersUnknown: there are too many points for the network, and too few names.

@@ -58,7 +58,7 @@ class NetworkPoses(Layer):
 
 @dataclass(frozen=True)
 class _View:
-    """View of one camera, with keypoints for the first of the L landmarks."""
+    """View of one camera with keypoints for L landmarks. Landmarks without a keypoint are NaN."""
 
     name: str
     R: np.ndarray  # (3, 3) from the world to the camera.
@@ -325,7 +325,7 @@ def _rows(person: NetworkResult, numbers: np.ndarray) -> np.ndarray:
 
 
 def _score(points: np.ndarray, view: _View, rows: np.ndarray, most: int = 10**9) -> float:
-    """Return an alignment's median distance in metres, or NaN if it covers too few frames."""
+    """Return the median distance in metres of aligned points from their viewing rays, NaN with too few frames."""
     frames = np.flatnonzero(rows >= 0)
     if len(frames) < max(LEAST_FRAMES, LEAST_COVERED * len(rows)):
         return np.nan

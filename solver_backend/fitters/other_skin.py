@@ -32,10 +32,10 @@ def spread_vertices(body: Body) -> np.ndarray:
 
 
 def only_close(one: Motion, other: Motion) -> Motion | None:
-    """Return the other person's motion, in which only frames where the two people are close count as seen.
+    """Return the other person's motion. Only frames in which the two people are close count as seen.
 
-    People are close if joints of both are within ``CLOSE_M``. Frames that do not show both people are also unseen.
-    Return None if no frame is left.
+    People are close if a joint of one is within ``CLOSE_M`` of a joint of the other. Frames that do not show both
+    people are also unseen. Return None if no frame is left.
     """
     if one.joints is None or other.joints is None or len(one.joints) != len(other.joints):
         return None
@@ -110,7 +110,7 @@ class OtherSkin:
 
 
 def _columns_in(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the columns of points (F, S, 3) within reach of the box around other points."""
+    """Return the columns of points (F, S, 3) that are within ``REACH_M`` of the box around ``others`` in any frame."""
     if not others.shape[1]:
         return np.zeros(0, int)
     low, high = others.min(axis=1, keepdims=True) - REACH_M, others.max(axis=1, keepdims=True) + REACH_M

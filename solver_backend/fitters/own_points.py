@@ -56,7 +56,7 @@ class OwnPoints(Layer):
         return cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px)
 
     def column(self, point: OwnPoint) -> int:
-        """Return the column of a user-defined point."""
+        """Return the column of a user-defined point in the keypoint arrays."""
         return self.keypoints.joint_set.num_keypoints + self.keypoints.own.index(point)
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:

@@ -99,12 +99,13 @@ def with_resting_spread(
 ) -> np.ndarray:
     """Return covariances (F, J, 6) that include the spread of resting parts: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
-    k is ``growth``, and D are the deviations in ``SPREAD_MM``. Finally, ``BESIDE_MM`` lists other joints for each part.
-    Its squared values, multiplied by s, are added to the variances of these joints.
+    C_anchor and G are the covariance and the rotation of the part's anchor joint (``ANCHORS``). k is ``growth``, and D
+    are the deviations in ``SPREAD_MM``. A resting part also affects the joints in ``BESIDE_MM``. The square of their
+    deviation, multiplied by s, is added to their variances.
 
     Args:
         covariance: (F, J, 6) covariances C of the fit in m² (see ``packed``).
-        rotations: (F, J, 3, 3) global rotations G.
+        rotations: (F, J, 3, 3) global joint rotations.
         shown: stance of the person.
         below: joints that each part's rotations move.
         shares: (F,) weight s of each part's rest pose.

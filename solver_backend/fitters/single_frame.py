@@ -179,7 +179,7 @@ def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameS
 
 
 def lifted_betas(subject: Subject, measurements: Measurements, frames: np.ndarray) -> Array:
-    """Return the lifter's mean body shape (10,), or the subject's if no frame can be lifted."""
+    """Return the lifter's mean body shape (10,), or the subject's shape if no frame can be lifted."""
     lifted = _lifted(subject, points_term(measurements, frames, subject.betas))
     xp = array_namespace(lifted.betas)
     count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))

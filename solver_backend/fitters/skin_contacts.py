@@ -64,7 +64,7 @@ class SkinContacts:
         return bool(self.solid.any() or self.held.any())
 
     def terms(self, like: Array, firmness: float) -> SkinTerms:
-        """Return the terms that keep solid points outside surfaces, and held points in place."""
+        """Return the terms that keep ``solid`` points outside surfaces, and ``held`` points at their anchors."""
         precision = np.where(self.solid, DEPTH_SIGMA_M**-2, 0.0)
         surface = SurfaceTerm(*(constant(part, like) for part in (self.normals, self.offsets, precision)))
         found, stated = (
@@ -91,7 +91,7 @@ class SkinContacts:
             yield diagnostic("foot_below_floor", size=-100 * float(self.lowest[afloat].min()))
 
     def beside(self, other: SkinContacts) -> SkinContacts:
-        """Append the skin points and the overlap of other contacts. The height of the lowest skin does not change."""
+        """Append the skin points of other contacts, and use their overlap. Keep the height of the lowest skin."""
         points = ("solid", "held", "added", "anchors", "normals", "offsets")
         joined = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1) for name in points}
         count = len(self.landmarks) - len(self.parts)
@@ -101,16 +101,16 @@ class SkinContacts:
 
     @property
     def touches(self) -> np.ndarray:
-        """(F, 11) mask of the parts with fixed skin."""
+        """Mask (F, 11) of the body parts whose skin is held in place by a contact."""
         return _by_part(self.held, self.parts)
 
 
 def contradicts(works: np.ndarray, rise: np.ndarray) -> bool:
     """Return whether contacts worsen the fit by more than chance, so that a surface contradicts the measurements.
 
-    Errors of calibration and keypoints are nearly constant over a take, so the frames of a part's contact count as one.
-    The mean rise then has a chi-squared distribution, and the depth of each affected part is one degree of freedom. The
-    quantile is from Wilson and Hilferty 1931, "The distribution of chi-square".
+    Errors of calibration and keypoints are nearly constant over a take, so all frames of a part's contact count as one
+    observation. The mean rise then has a chi-squared distribution, and the depth of each affected part is one degree of
+    freedom. The quantile is from Wilson and Hilferty 1931, "The distribution of chi-square".
 
     Args:
         works: (F, 11) bool, parts that surfaces affect in each frame.
@@ -275,7 +275,7 @@ def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequenc
 
 
 def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return the distances (F, S) that move each part's lowest held point down to the surface."""
+    """Return the height (F, S) in metres of the lowest held point of each point's body part, 0 if none is held."""
     shifts = np.zeros(height.shape)
     for part in np.unique(parts):
         own = parts == part

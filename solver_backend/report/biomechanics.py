@@ -22,7 +22,7 @@ _LEAD = (
 
 
 def biomechanics_sections(motion: Motion) -> str:
-    """Write the sections about joint angles and gait. Return "" if the body is not the neutral one."""
+    """Write the sections about joint angles and gait. Return "" for any body except the neutral SMPL body."""
     body = load_body()
     motion = without_fingers(motion, body)
     if motion.body != body.id or motion.body_layout != SMPL:

@@ -57,7 +57,7 @@ def _by_marker(take: LabelledTake) -> str:
 
 
 def _stretches(take: LabelledTake, fps: float) -> str:
-    """List the least certain labels of track segments, the longest and least certain first."""
+    """List the track segments with unknown or uncertain labels. Long and uncertain segments come first."""
     t = take.tracklets
     length = t.last - t.first + 1
     doubt = (1.0 - np.nan_to_num(take.stretch_confidence)) * length

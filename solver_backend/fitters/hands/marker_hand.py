@@ -124,7 +124,7 @@ _SEGMENTS = HandSites(
 
 @dataclass(frozen=True)
 class Extra:
-    """Unlabelled points that were attached to a hand as markers: their sites on the hand, and their columns."""
+    """Unlabelled points that were attached to a hand as markers, with their sites and their columns in the take."""
 
     sites: HandSites
     columns: tuple[int, ...]

@@ -97,10 +97,10 @@ class HandViewTerm:
     def _offsets(
         self, error: np.ndarray, weight: np.ndarray, scale: float
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-        """Estimate the hand's offset (C, F, 2) in pixels in each view, with costs and weights.
+        """Estimate the hand's offset (C, F, 2) in pixels in each view.
 
-        Costs and weights are (C, F, L) for points and (C, F) for offsets. ``error`` (C, F, L, 2) is in px and
-        ``weight`` (C, F, L) in 1/px². Both are 0 where nothing was measured.
+        Return the offset, the costs of points (C, F, L) and offset (C, F), and the weights of points and offset.
+        ``error`` (C, F, L, 2) is in px and ``weight`` (C, F, L) in 1/px². Where nothing was measured, both are 0.
         """
         confidence = np.where(weight > 0, self.points.confidence, 0.0)
         per_sigma = np.where(weight > 0, self._per_sigma, 0.0)
@@ -170,11 +170,11 @@ def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
 
 
 def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNoise:
-    """Estimate the noise of one hand's detections ``xy`` (C, n, 21, 2) in pixels.
+    """Estimate the noise of one hand's detections ``xy`` (C, n, 21, 2) in pixels, for C views and n frames.
 
     The mean residual of the hand's points in a view gives the view's offset. The residuals relative to this mean give
-    the noise of the points. A point triangulated from V views absorbs 3 of its 2 V errors, so both variances are scaled
-    by ``2 V / (2 V - 3)``.
+    the noise of the points. Triangulation from V views fits 3 coordinates of a point to 2 V measurements, which reduces
+    the residuals. Therefore, both variances are scaled by ``2 V / (2 V - 3)``.
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
     kept = np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
@@ -280,10 +280,10 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
 
 
 def _as_around(decided: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Return a (C, F) mask of swapped hands from decisions 1 (swapped), -1 (correct), 0 (unclear).
+    """Return a (C, F) mask of swapped hands. ``decided`` is 1 for swapped, -1 for correct and 0 for unclear hands.
 
-    Unclear frames between two swapped ranges count as swapped if the gap is not longer than both ranges together.
-    ``shown`` (C, F) marks the frames that show a hand.
+    Unclear frames between two swapped ranges also count as swapped, unless the gap is longer than the two ranges
+    together. ``shown`` (C, F) marks the frames that show a hand.
     """
     exchanged = decided > 0
     for view, clear in enumerate(exchanged.copy()):

@@ -101,7 +101,10 @@ def _widened(
     frames: np.ndarray | slice = slice(None),
     **parts: Any,
 ) -> Motion:
-    """Return the motion with new joint rotations ``turns`` of ``body``. Joints from ``first`` on are fingers."""
+    """Replace a motion's joint rotations by ``turns`` (F, J, 3) for the joints of ``body``, and recompute its joints.
+
+    The joints from ``first`` on are fingers. If a finger rests in one of the ``frames``, the frame is flagged.
+    """
     posed = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
     if motion.flags is not None and resting is not None:
         flags = motion.flags.astype(np.uint8)
@@ -465,8 +468,9 @@ def solve_hand_range(
     The solve starts both from the finger angles ``still`` and from the measured points, and keeps the better result.
 
     Args:
-        measured: the hand over the whole take, on the body's current wrist.
-        still: (F, A) finger angles in radians. Pinned frames have the pins' angles, other frames the earlier solve's.
+        measured: the hand over the whole take, attached to the wrist of the newly solved body.
+        still: (F, A) finger angles in radians. In pinned frames, they come from the pins, otherwise
+            from the earlier solve.
     """
     problem = measured.problem
     layout, moving = range_layout(frame_range, problem.num_frames, hand_window(problem.fps))
@@ -486,7 +490,10 @@ def solve_hand_range(
 
 
 def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
-    """Correct a hand so that it has the ``states`` (n, D) in the frames ``stays``, and interpolate the correction."""
+    """Correct a hand so that it has the ``states`` (n, D) in the frames ``stays``.
+
+    Between these frames, the correction is interpolated linearly.
+    """
     found, at = hand.states, stays.astype(int)
     if len(at):
         left, every = states[at] - found[at], np.arange(len(found))

@@ -79,10 +79,10 @@ to 2.93 mm."""
 def dense_layout(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, window: int, fps: float
 ) -> KeyframeLayout:
-    """Shorten windows for fast motion: ``w max(0.6, min(1, √(5.2 / a)))`` frames for acceleration a.
+    """Shorten the windows for fast motion to ``w max(0.6, min(1, √(5.2 / a)))`` frames.
 
     ``layout`` and ``keys`` are a first solution with windows of w (``window``) frames. a is the mean acceleration of
-    the body's landmarks in this solution, in m/s². Detector noise barely affects it. If the motion is slow, ``layout``
+    the body's landmarks in this solution, in m/s². Detector noise barely affects a. If the motion is slow, ``layout``
     is returned unchanged. For fast limbs, the error of a parabola through three keyframes exceeds the detector's error.
     For slow limbs, closer keyframes would fit the noise.
     """
@@ -211,7 +211,7 @@ def keys_of(windows: slice) -> slice:
 
 
 def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
-    """Cut a range of windows out as a separate problem. The range's ends inside the take are fixed."""
+    """Cut out a range of windows as a separate problem. Ends of the range that are inside the take are fixed."""
     fixed_ends = windows.start > 0, windows.stop < layout.num_windows
     return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
 

@@ -313,7 +313,7 @@ def data_equations(
     Args:
         rows: the frames of N windows.
         hessian_frames: number of frames per window whose Hessians are computed.
-        decoded: the result of ``BundleModel.decode_fixed`` for these keyframes. None computes it.
+        decoded: the result of ``BundleModel.decode_fixed`` for these keyframes. If None, the poses are decoded here.
     """
     columns, blocks, free = rows.columns(hessian_frames), _blocks(rows, keys), _free_keys(keys, rows)
     local = data.decode_fixed(keys, rows) if decoded is None else decoded
@@ -465,7 +465,7 @@ class MotionPrior:
         return cost
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        """Add the prior's normal equations at these keyframes in place."""
+        """Add the prior's normal equations at these keyframes to ``equations`` in place."""
         for name, value, tangents, sigma in self._smooth_parts(keys, equations.layout):
             for stencil, weight in self._stencils(sigma):
                 equations.add_differences(value, tangents, stencil, weight, equations.layout[name].start)
@@ -497,12 +497,12 @@ the improvement."""
 
 @dataclass(frozen=True)
 class ResidualRotationTerm:
-    """Prior for residual rotations ``r_ki = rho_ki / sigma_i`` of angle i at keyframe k, relative to the decoded pose.
+    """Prior for residual rotations, which rotate joints away from the decoded pose.
 
-    The cost is ``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²``. The penalty on ``s = r_ki²`` has heavy tails,
-    because toes move rarely but far (Geman and McClure 1987). The second difference
-    ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the motion prior for rotations that codes cannot express. The fields
-    define n, c and m.
+    rho_ki is residual angle i at keyframe k, and ``r_ki = rho_ki / sigma_i``. The cost is
+    ``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²``. The penalty on ``s = r_ki²`` has heavy tails, because toes move
+    rarely but far (Geman and McClure 1987). The second difference ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the motion
+    prior for rotations that codes cannot express. The fields define n, c and m.
     """
 
     sigma: np.ndarray  # (J, 3) radians: error of the prior's reconstructions.
@@ -525,7 +525,7 @@ class ResidualRotationTerm:
         return cost
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        """Add the term's normal equations at these keyframes in place.
+        """Add the term's normal equations at these keyframes to ``equations`` in place.
 
         The second difference at a window boundary couples keyframes of two windows, which the matrix cannot contain. It
         is replaced by an upper bound that contains only squares.
@@ -585,7 +585,7 @@ class BundleObjective:
     keys: tuple[KeyTerm, ...] = ()
 
     def part(self, keys: slice) -> BundleObjective:
-        """Return the objective for a range of keyframes. Its frames are selected later, by number."""
+        """Return the objective for a range of keyframes. The frames of this range are selected later, by number."""
         return replace(self, keys=tuple(term.part(keys) for term in self.keys))
 
     def astype(self, precision: Any) -> BundleObjective:

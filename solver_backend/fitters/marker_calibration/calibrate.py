@@ -153,8 +153,9 @@ def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndar
     """Estimate the initial body shape (10,) from marker distances, or return zeros if the average body's size fits.
 
     The size s is the median of ``d / r``, weighted by r, over marker pairs with the same distance in all poses. d is
-    the recorded distance, r the average body's. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with
-    joints J and their derivatives D, relative to the pelvis. ``points`` (F, L, 3) are in metres, NaN where missing.
+    the recorded distance, and r the distance on the average body. The shape is the b that minimises
+    ``|D b - (s - 1) J|² / SPREAD_M² + |b|²``. J are the average body's joints relative to the pelvis, and D their
+    derivatives w.r.t. the shape. ``points`` (F, L, 3) are in metres, NaN where missing.
     """
     nothing = np.zeros(body.joints_shapedirs.shape[-1])
     rest = landmarks.anchors.sum(axis=1)
@@ -314,7 +315,10 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Return a prior that fixes the shape coefficients beyond ``limit`` at the limit, or None if there are none."""
+    """Fix the free shape coefficients beyond ``limit`` at the limit.
+
+    Return the new prior, or None if no free coefficient is beyond the limit.
+    """
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():

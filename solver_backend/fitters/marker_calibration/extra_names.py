@@ -161,7 +161,7 @@ def named_extras(
 def with_extras(
     person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, progress: Progress = silent
 ) -> MarkerSubject:
-    """Find unlabelled points in the takes that move with a bone, and add them to a person as markers.
+    """Find the takes' unlabelled points that move with a bone, and add them to a person as markers.
 
     A new marker is named after its bone and a number (``LTHI_X1``). A marker from an earlier take keeps its name. The
     person must have been calibrated on this body with the markers named in these takes.
@@ -211,9 +211,10 @@ def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[st
 
 
 def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the marker (C,) of each chain of tracklets, or -1, and a (C,) mask of ambiguous chains.
+    """Match C chains of tracklets to the person's missing markers.
 
-    ``missing`` (F, L) marks the person's markers that are not observed under their labels.
+    Return the marker (C,) of each chain, or -1 without a clear match, and a (C,) mask of unmatched chains near a
+    marker. ``missing`` (F, L) marks the person's markers that are not observed under their labels.
     """
     tracks, taken = take.tracks, ~missing
     away, found = np.full((len(tracks), missing.shape[1]), np.inf), np.full(len(tracks), -1)

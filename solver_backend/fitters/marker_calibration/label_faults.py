@@ -122,7 +122,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Extend a range by adjacent frames in which a swap improves the fit, and remove other frames at its ends."""
+    """Extend a range by adjacent frames with a positive swap gain, and remove end frames without a positive gain."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:
@@ -381,7 +381,7 @@ def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[in
 
 
 def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> NamesOverTakes:
-    """Correct swapped wrist labels in takes. Return the takes and the changes."""
+    """Correct swapped wrist labels in several takes. Return the corrected takes and a record of the changes."""
     takes, changes = list(clouds), list[NameChange]()
     for number, cloud in enumerate(clouds):
         labels = cloud.labels or ()
@@ -452,7 +452,7 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
 def named_alike(
     clouds: Sequence[MarkerCloud], own: Mapping[str, str]
 ) -> tuple[tuple[MarkerCloud, ...], dict[str, Any]]:
-    """Make labels consistent across takes. Return the takes, and the changes for the person's provenance."""
+    """Make labels consistent across takes. Return the corrected takes, and the changes for the provenance."""
     wrists = with_wrists_named(clouds, own)
     named = names_over_takes(wrists.clouds, own)
     return named.clouds, over_takes((*wrists.changes, *named.changes))

@@ -86,7 +86,7 @@ def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
 
 
 def distances(found: SubjectCalibration, points: np.ndarray) -> np.ndarray:
-    """Return the distance (M,) in metres of each marker from its usual location, plus the marker's median residual."""
+    """Return the sum of each marker's distance from its usual location and its median residual, in metres (M,)."""
     away = np.linalg.norm(points[found.frames] - to_numpy(pose(found.subject, found.poses).points), axis=-1)
     residual = np.nan_to_num(quantile(away, 0.5, axis=0))
     return np.linalg.norm(to_numpy(found.subject.offsets), axis=-1) + residual
@@ -298,7 +298,7 @@ def calibrated(
     takes = np.repeat(np.arange(len(clouds)), [len(one.positions) for one in clouds])
 
     def leave_out(gone: Collection[int]) -> bool:
-        """Calibrate again without some markers. Return whether enough remain."""
+        """Calibrate again without some markers. Return whether enough markers remain."""
         nonlocal known, problem, found
         places = problem.measurements.landmarks.names
         if not gone or len(places) - len(gone) < least_markers(places):

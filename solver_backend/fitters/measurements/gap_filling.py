@@ -82,7 +82,10 @@ def among(
 
 
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
-    """Return the weight of a gap's start error in frame t of n: ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``."""
+    """Return the weight of the error at a gap's start in frames t (``times``) of the gap's n frames.
+
+    The weight is ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``, where τ is ``lasting``.
+    """
     away, span = times / lasting, (length + 1) / lasting
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # cannot overflow in long gaps
 
@@ -111,12 +114,13 @@ def filled(
     The first prediction is the marker y on the body, corrected at both ends a and b of the gap:
     ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)``. The errors
     ``d = B⁻¹ (x - y)`` at the ends are in the axes B of the marker's bones. The factor of B(t) is the mean of an
-    Ornstein-Uhlenbeck process. For a gap with only one end, it is ``d_a e^{-(t - a) / τ}`` instead. τ is estimated
-    from the take.
+    Ornstein-Uhlenbeck process. For a gap with only one end, it is ``d_a e^{-(t - a) / τ}`` instead. τ is estimated from
+    the take.
 
     The second prediction comes from the neighbours (see ``among``). Frames around the gap give the mean squared errors
     ``e_1²`` and ``e_2²``. The second prediction has the weight ``e_1² / (e_1² + e_2²)``. If the predictions differ by
-    more than the errors, the body is assumed to be wrong, because a limb with no visible marker is undetermined.
+    more than these errors, ``e_1²`` is increased, because the body's pose is undetermined for a limb with no visible
+    marker.
 
     ``bones`` are (F, M, 3, 3) weighted mean rotations of each marker's bones. ``others`` are (F, U, 3) recorded points
     that the body does not use. They predict markers of limbs without other known markers.

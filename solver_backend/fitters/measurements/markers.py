@@ -38,7 +38,7 @@ _LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Most and fewest frames c
 
 
 def no_person_in(points: np.ndarray) -> str:
-    """Return the reason why points (F, N, 3) in metres do not show a whole person, or "".
+    """Return the reason why points (F, N, 3) in metres cannot show a whole person, or "" if they can.
 
     The reason is that the points are too close together in every frame, or move as one rigid body. Rigidity is tested
     with sorted distances in the frames with the most points, so that swapped tracks do not matter.
@@ -187,7 +187,7 @@ def _listed(labels: Sequence[str], most: int = 12) -> str:
 def measure_landmarks(
     landmarks: Landmarks, points: np.ndarray, fps: float, like: Array, sigma_m: float = SIGMA_M
 ) -> Measurements:
-    """Prepare landmark positions (F, L, 3) in metres, NaN where missing, as measurements.
+    """Prepare measurements from landmark positions (F, L, 3) in metres, NaN where missing.
 
     Raises:
         NoDetections: no frame shows enough landmarks to place a body.
@@ -226,7 +226,7 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
 def measure_network_landmarks(
     cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent, network_file: str = ""
 ) -> Measurements:
-    """Prepare landmarks that a network estimates in each frame as measurements (thesis 5.2.2).
+    """Estimate landmarks in each frame with a network, and prepare them as measurements (thesis 5.2.2).
 
     ``network_file`` is as in ``chosen_network``.
 

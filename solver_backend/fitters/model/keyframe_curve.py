@@ -322,7 +322,7 @@ def key_poses(
 
 
 def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyframes:
-    """Return keyframes at other frame numbers ``times`` (K,), on the curves of single windows."""
+    """Return keyframes at the frame numbers ``times`` (K,), interpolated on the curves of the given keyframes."""
     xp, vectors, (window, time) = array_namespace(keys.z), keys.residual, layout.positions(times)
     curve = KeyframeCurve.through(keys.of_windows(window, layout.free), time[:, None], residuals=True)
     codes, quats = rows_of(curve.codes.value), rows_of(curve.root.quat)

@@ -149,12 +149,12 @@ class WindowRows(Rows):
         return [slice(a, b) for a, b in itertools.pairwise(bounds.tolist())]
 
     def columns(self, count: int) -> np.ndarray:
-        """Return the indices of about ``count`` equally spaced columns."""
+        """Return the columns of about ``count`` equally spaced frames in each window."""
         stride = max(1, int((self.weight > 0).sum(axis=1).min()) // count)
         return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
 
     def sampled(self, columns: np.ndarray) -> WindowRows:
-        """Select some columns of frames. Their weights are increased, so that they represent all frames of a window."""
+        """Select the frames in ``columns``, and increase their weights so that they represent the whole window."""
         weight = self.weight[:, columns]
         weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
         return WindowRows(self.frames[:, columns], self.time[:, columns], weight)

@@ -30,7 +30,7 @@ _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
 
 @dataclass(frozen=True)
 class Measured:
-    """Positions and rotations of our body's joints, measured on another skeleton's motion, in world metres."""
+    """Joint positions (world metres) and rotations of our body, measured on the motion of another skeleton."""
 
     places: np.ndarray  # (F, NUM_JOINTS, 3), NaN where the skeleton has no such joint.
     turns: np.ndarray  # (F, 22, 3, 3) rotations from our body's rest axes to the world.
@@ -143,8 +143,9 @@ _MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints
 def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
     """Fit rotations (F, 22, 3, 3) and joints (F, 24, 3) to a skeleton by Levenberg-Marquardt.
 
-    A world rotation δ of a joint moves the positions below it by ``Σ δ_i × (p_k - p_i)``, and rotations by ``Σ δ_i``.
-    Both are linear in δ and the root's position. ``rest`` (24, 3) are the shaped body's rest joints in metres.
+    World rotations δ_i of the joints i above joint k move it by ``Σ δ_i × (p_k - p_i)`` and rotate it by ``Σ δ_i``.
+    Therefore, its change is linear in δ and the root's shift. ``rest`` (24, 3) are the shaped body's rest joints in
+    metres.
     """
     parts = [
         _fit_block(rest, measured.places[at : at + _BLOCK], measured.turns[at : at + _BLOCK])
@@ -337,7 +338,7 @@ def _lengths(joints: np.ndarray) -> np.ndarray:
 
 
 def _ways(joints: np.ndarray) -> np.ndarray:
-    """Return the (12, ...) vectors whose lengths are fitted, between midpoints of joints."""
+    """Return (12, ...) vectors between midpoints of joints. The body shape is fitted to the vector lengths."""
     return np.asarray(joints[_ENDS].mean(axis=1) - joints[_STARTS].mean(axis=1))
 
 
@@ -347,7 +348,7 @@ _NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing foot's ball abov
 
 
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
-    """Return the height of the lowest soles in metres.
+    """Estimate the floor height in metres: a low percentile of the height of the lower sole over all frames.
 
     Soles are assumed to be as far below the ankles and balls of the feet as at rest. ``joints`` (F, 24, 3) are in
     metres.
@@ -448,7 +449,7 @@ def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles:
 
 
 def _resting(places: np.ndarray) -> np.ndarray | None:
-    """Return an (F, 24) mask of arm joints that the skeleton lacks, or None if it lacks none."""
+    """Return an (F, 24) mask of the arm joints that the skeleton does not have, or None if it has all of them."""
     unknown = np.isnan(places[0, :, 0])
     resting = np.zeros(places.shape[:2], dtype=bool)
     for elbow, wrist, hand in _ARMS:

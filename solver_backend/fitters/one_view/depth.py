@@ -181,10 +181,11 @@ def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]
 
 
 def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray, list[int]]:
-    """Return an (F,) mask of frames with swapped sides, and the jumps that could not be paired.
+    """Return an (F,) mask of frames with swapped sides, and the frames of the jumps that could not be paired.
 
-    Two jumps within ``longest`` frames start and end a swap. Without a second jump, the correct side is unknown. A
-    single jump of fewer than ``LEAST_PAIRS`` pairs also ends a swap.
+    ``jumped`` (F,) is the number of keypoint pairs that swap sides in each frame. Two jumps of at least ``LEAST_PAIRS``
+    pairs within ``longest`` frames start and end a swap. A remaining jump is combined with a jump of fewer pairs, if
+    there is exactly one within ``longest`` frames. Otherwise, the correct side is unknown.
     """
     edges, exchanged = np.flatnonzero(jumped >= LEAST_PAIRS).tolist(), np.zeros(len(jumped), dtype=bool)
     faint = np.flatnonzero((jumped > 0) & (jumped < LEAST_PAIRS))
@@ -343,8 +344,9 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
     """Add the depth uncertainty of a single camera to the covariances: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``.
 
     a is ``ACROSS_M``, k is ``ALIKE``, l the lifter's deviation, d the line of sight, z the depth and p the vector from
-    the camera to the joint. A person scaled by s at a distance scaled by s has the same image, and a focal length with
-    relative error f moves everyone in depth. Both errors are common to all frames and do not average out.
+    the camera to the joint. s and f are the relative deviations of the person's size and of the focal length. Size and
+    focal length change the depth: a taller person further away has the same image. Their errors are the same in all
+    frames, so they do not average out.
 
     Args:
         joints: (J,) recorded joints of the body.

@@ -128,10 +128,10 @@ def standing_soles(
 
 
 def rising_shins(points: np.ndarray, names: tuple[str, ...], feet: list[int], up: np.ndarray) -> np.ndarray:
-    """Return an (F, K) mask of foot points below a rising shin. Kneeling shins do not rise.
+    """Return an (F, K) mask of the foot points ``feet`` whose shin points upwards. Kneeling shins do not point upwards.
 
     Args:
-        points: (F, L, 3) points of the pose in metres. Feet without a knee or ankle count as below a rising shin.
+        points: (F, L, 3) points of the pose in metres. Feet without a knee or ankle are True.
         up: (F, 3) unit vectors against gravity.
     """
     rising = np.ones((len(points), len(feet)), dtype=bool)

@@ -171,7 +171,10 @@ def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
 
 
 def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each frame, return the last standing frame up to it (-1 if none), and the next standing frame (F if none)."""
+    """Return, for each frame, the nearest standing frame at or before it, and the nearest one at or after it.
+
+    Where there is none, the results are -1 and F, the number of frames.
+    """
     number = np.arange(len(stands))
     after = np.minimum.accumulate(np.where(stands, number, len(stands))[::-1])[::-1]
     return np.maximum.accumulate(np.where(stands, number, -1)), after

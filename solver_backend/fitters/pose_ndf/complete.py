@@ -278,7 +278,7 @@ class CompleteSettings:
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return columns of named joints or limbs. Raise ``JobInvalid`` for unknown names."""
+    """Return the joint columns of named joints or limbs. Raise ``JobInvalid`` for unknown names."""
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
@@ -392,12 +392,12 @@ def interpolate_poses(
     settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
-    """Interpolate ``count`` plausible poses between each of N pairs.
+    """Interpolate ``count`` plausible poses between the two poses of each of N pairs.
 
     Return the interpolated poses (N, count, J, 3, 3) without the two given poses.
 
     For frame t of T, ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` along geodesics with ``τ = 1/(T - t + 1)``, where θ' are
-    poses that were projected onto the manifold with eq. 6.
+    poses after projection onto the manifold (Pose-NDF, eq. 6).
 
     Raises:
         PoseInvalid: poses are NaN or not in SO(3).

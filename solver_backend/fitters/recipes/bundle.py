@@ -261,7 +261,10 @@ def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights:
 def touching_parts(
     contacts: Contacts | None, skin: SkinContacts | None, names: tuple[str, ...]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return masks of planted feet (F, 2) and of touching parts (F, 11). Each is None if it was not detected."""
+    """Return masks of planted feet (F, 2) and of touching parts (F, 11).
+
+    Without skin contacts, the second mask is None. If there are no foot contacts either, both masks are None.
+    """
     feet = None if contacts is None else contacts.feet(names)
     if skin is None:
         return feet, None

@@ -121,7 +121,7 @@ def slide(
 def solve_bundlemocap(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve a take with the published method, starting from keyframes fitted to points."""
+    """Solve a take with the published BundleMoCap method, starting from keyframes fitted to points."""
     problem, measured = replace(problem, pose_terms=()), problem.measurements
     seen = np.flatnonzero(measured.seen)
     if settings.betas is None and not measured.knows_person:

@@ -46,9 +46,10 @@ _DIAGONAL = [0, 3, 5]  # Entries xx, yy and zz of ``packed`` matrices.
 
 
 def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
-    """Where pins cause the flag for unsure frames, replace it by larger deviations of the joints that the pins move.
+    """Replace the flag of frames that are unsure because of a pin by larger deviations of the moved joints.
 
-    A pinned pose disagrees with the measurements, so its frame and the neighbouring frames are flagged as unsure.
+    A pinned pose contradicts the measurements, so the neighbouring frames are flagged as unsure. Pinned frames lose all
+    flags.
     """
     pinned = np.array(sorted({pin.frame for pin in frame_range.pins}), dtype=int)
     if not len(pinned) or again.flags is None or again.joints is None or before.joints is None:
@@ -107,10 +108,11 @@ def contacts_in_place(
     detects: bool,
     every: bool,
 ) -> tuple[Contacts | None, SkinContacts | None]:
-    """Find contacts after new ``frames`` replaced the poses ``before`` in a range. Include the user's changes.
+    """Find the contacts in a take after a range was solved again, including the user's changes.
 
-    If ``detects`` is false, the feet have only the contacts that the user added. If ``every`` is false, the other parts
-    have only the contacts that the user added.
+    ``before`` are the take's earlier poses, and ``frames`` the new poses in the layout's frames. If ``detects`` is
+    false, the feet have only the contacts that the user added. If ``every`` is false, the other parts have only the
+    contacts that the user added.
     """
     whole = PosedFrames(*(_copied(getattr(before, name)) for name in ("root", "local", "transl")))
     for name in ("root", "local", "transl"):

@@ -90,7 +90,7 @@ def _confidence(
 def _swaps(
     shape: tuple[int, ...], joint_set: JointSet, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw left-right swaps of limbs. Return their mask (C, F, K), and (view, limb, start, stop) of each."""
+    """Draw left-right swaps of limbs. Return a mask (C, F, K), and the (view, limb, start, stop) of each swap."""
     mask, swaps = np.zeros(shape, dtype=bool), []
     for limb, columns in enumerate(exchanged_columns(joint_set).values()):
         for view in range(shape[0]):

@@ -104,7 +104,7 @@ def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Cost
 
 
 def _hidden(body: Body, rings: list[np.ndarray]) -> np.ndarray:
-    """Return a (T,) mask of the triangles completely below a garment and not at its hem."""
+    """Return a (T,) mask of the triangles that a garment covers completely, except the triangles at its hem."""
     hidden = np.zeros(len(body.faces), dtype=bool)
     for ring in rings:
         hidden |= (ring[body.faces] >= _HEM_RINGS).all(axis=1)

@@ -117,7 +117,7 @@ def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[np.ndarray]:
-    """Choose a label box (4,) near each marker. If possible, it overlaps no other box, no marker, and not the body."""
+    """Choose a label box (4,) near each marker. If possible, avoid other boxes, markers and the body."""
     choices = [name.boxes() for name in names]
     own = [_cost(boxes, markers, paper) for boxes in choices]
     at = [int(cost.argmin()) for cost in own]
