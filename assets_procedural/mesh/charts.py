@@ -76,7 +76,7 @@ def signed_areas(points: Array, faces: Array) -> Array:
 
 
 def _far_pair(vertices: Array, faces: Array) -> Array:
-    """Return two border vertices that are far apart. Of two mirror images, use the one with the lower index."""
+    """Return two border vertices that are far apart. If two are equally far, use the lower index."""
     pairs = np.sort(half_edges(faces), axis=1)
     keys, counts = np.unique(pairs, axis=0, return_counts=True)
     rim = np.unique(keys[counts == 1])

@@ -117,7 +117,7 @@ class LinedMesh:
         return Band(value[self.faces].sum(axis=1) < 0, ring[self.faces].any(axis=1))
 
     def _cover(self, a: Array, b: Array, cost: Array) -> Array:
-        """Return a mask (V,) of vertices to slide onto a line. Every edge that crosses the line has one of them."""
+        """Return a mask (V,) of vertices to slide onto a line. Each edge that crosses the line has an end in it."""
         chosen = np.zeros(len(cost), bool)
         chosen[np.where(cost[a] <= cost[b], a, b)] = True
         for vertex in np.flatnonzero(chosen)[np.argsort(-cost[chosen], kind="stable")].tolist():
@@ -126,7 +126,7 @@ class LinedMesh:
         return chosen
 
     def _slide(self, field: Field, moved: Array, level: float, value: Array) -> None:
-        """Slide vertices to a level of a field. If all three vertices of a face move, one stays off the level."""
+        """Slide vertices to a level of a field. If a whole face would reach the level, one vertex stays off it."""
         wanted = np.full(len(self.vertices), level)
         for face in self.faces[moved[self.faces].all(axis=1)]:
             tip = face[np.abs(value[face] - level).argmax()]

@@ -243,7 +243,7 @@ def _scatter(faces: Array, values: Array, count: int) -> Array:
 
 
 def _along_border(vertices: Array, faces: Array, border: Array, step: float) -> Array:
-    """Return how far border vertices move towards the midpoint of their two neighbours on the border."""
+    """Return steps (n, 3) of n border vertices towards the midpoint of their two neighbours on the border."""
     keys, counts = np.unique(np.sort(half_edges(faces), axis=1), axis=0, return_counts=True)
     rim = keys[counts == 1]
     total, count = np.zeros_like(vertices), np.zeros(len(vertices))

@@ -195,7 +195,7 @@ def _pose_picture(folder: Path, subject: RenderedTake, frame: int, tile: Picture
 
 
 def _around(subject: RenderedTake, frame: int) -> np.ndarray:
-    """Return the joints of all poses, moved so that this frame's body is at the origin."""
+    """Return the joints (N, 3) of all poses, moved so that every pose has the centre of this frame's pose."""
     joints = subject.joints
     middle = (joints.min(axis=1) + joints.max(axis=1)) / 2
     return (joints - middle[:, None] + middle[frame]).reshape(-1, 3)

@@ -32,7 +32,7 @@ SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 
 @dataclass(frozen=True)
 class CalibrationCheck(CameraFits):
-    """Reprojection errors of a calibration on a take. ``best_px`` is the error after fitting the poses to the take."""
+    """Reprojection errors of a calibration on a take. ``best_px`` applies after camera poses are fitted to the take."""
 
     all_px: float  # Median reprojection error over all cameras.
     refined_px: float  # Median reprojection error after the poses have been adjusted.
@@ -118,7 +118,7 @@ def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarra
 
 
 def _epipolar(cameras: Cameras, xy: np.ndarray, progress: Progress) -> np.ndarray:
-    """Return each camera's median epipolar distance (C, W) in px to the other cameras, for each of W time windows."""
+    """Return each camera's median epipolar distance (C, W) in px, compared with all other cameras in W time windows."""
     n = undistort(cameras, xy)
     windows = np.array_split(np.arange(xy.shape[1]), min(WINDOWS, xy.shape[1]))
     values = {(c, w): [np.array([])] for c in range(len(cameras)) for w in range(len(windows))}

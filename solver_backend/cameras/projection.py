@@ -124,7 +124,7 @@ def _largest_radius(model: LensModel, distortion: Array) -> Array:
 def undistort_normalised(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
     """Invert ``distort``: return undistorted normalised coordinates (C, ..., 2).
 
-    They are NaN if ``distort`` maps no point within ``largest_radius`` to ``xy``.
+    The result is NaN if ``distort`` maps no point within ``largest_radius`` to ``xy``.
     """
     xp = array_namespace(xy)
     if not is_distorted(distortion, models):

@@ -124,7 +124,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
 
     Raises:
         TooFewViews: fewer than two cameras have detections.
-        NoDetections: there are fewer than ``LEAST_FRAMES`` frames, or they do not allow any person to be triangulated.
+        NoDetections: there are fewer than ``LEAST_FRAMES`` frames, or no person can be triangulated.
     """
     cameras, keypoints = capture.require_multiview()
     if keypoints.num_frames < LEAST_FRAMES:

@@ -63,9 +63,9 @@ class UndistortedViews:
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
     """Return the linear triangulation (N, 3) of each point that agrees best with all views, or NaN if there is none.
 
-    The candidates use all usable views, all but one, and every pair among the ``MOST_VIEWS`` most confident views. The
-    criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views, where r is the residual in pixels (Geman and
-    McClure 1987). Two views of low confidence therefore outvote a single confident view.
+    The candidates use all usable views, all except one, and every pair among the ``MOST_VIEWS`` most confident views.
+    The criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views, where r is the residual in pixels (Geman
+    and McClure 1987). Two views of low confidence therefore outvote a single confident view.
 
     Args:
         views: C views of N points.
@@ -362,9 +362,10 @@ def triangulate(
 
     The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton steps on ``Σ confidence
     ρ(r/σ)``, where r is the reprojection error in pixels and ρ is the Geman-McClure penalty. Then views beyond
-    ``INLIER_SIGMAS`` are rejected, and the remaining views are solved without ρ. The covariance of the weighted
-    estimator is ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views
-    agree, or if the standard deviation along the worst axis exceeds ``LARGEST_SIGMA_M`` (nearly parallel rays).
+    ``INLIER_SIGMAS`` are rejected, and the points are fitted to the remaining views without ρ. The covariance of the
+    weighted estimator is ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than
+    two views agree, or if the standard deviation along the worst axis exceeds ``LARGEST_SIGMA_M`` (nearly parallel
+    rays).
 
     If one of three views is wrong along an epipolar line, two pairs agree equally well. The more confident pair wins.
 

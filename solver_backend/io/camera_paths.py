@@ -167,7 +167,7 @@ def _turns(quats: np.ndarray, path: Path) -> np.ndarray:
 
 
 def _images_of(path: Path) -> Path:
-    """Return the image file of a COLMAP folder, or the given file."""
+    """Return the ``images.txt`` of a COLMAP folder, or the given path."""
     found = [path / part / "images.txt" for part in (".", "0", "sparse", "sparse/0")] if path.is_dir() else [path]
     return next((file for file in found if file.is_file()), path)
 

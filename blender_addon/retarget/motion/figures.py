@@ -146,7 +146,7 @@ def actor_of_poses(
     *,
     still_fingers: bool = False,
 ) -> Actor:
-    """Return the actor for a body's poses, with (F, 2) foot contacts. ``still_fingers`` adds hands even at rest."""
+    """Return the actor for a body's poses, with (F, 2) foot contacts. ``still_fingers`` includes hands at rest."""
     G, joints = pose_joints(own.joints, rotvec, transl)
     turns, columns = G @ R_ARMATURE_BODY.T, list(own.layout.standing_for(SMPL))
     hands = own_hands(own.layout, own.standing, turns, still=still_fingers)

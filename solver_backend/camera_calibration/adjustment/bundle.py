@@ -23,7 +23,7 @@ PLACE_SIGMA_M = 0.003  # Standard deviation of a measured position, in metres.
 
 @dataclass(frozen=True)
 class BodySightings(Rows):
-    """N observations of points in camera images. Each point is on a board, or is a body of its own."""
+    """N observations of points in camera images. A body is a board with many points, or a single point."""
 
     camera: Int[np.ndarray, " n"]  # (N,) index of the camera.
     body: Int[np.ndarray, " n"]  # (N,) index of the body.

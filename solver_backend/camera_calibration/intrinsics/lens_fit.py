@@ -56,7 +56,7 @@ def fitted_lens(
     The ratio of fx to fy stays constant.
 
     Args:
-        start: initial lens. If it is None or has another distortion model, it is estimated from homographies.
+        start: initial lens. If None, or if its distortion model differs, homographies give an initial lens.
 
     Reference: Zhang 2000, "A flexible new technique for camera calibration", sec. 3.
     """

@@ -80,7 +80,7 @@ def _nodes(stem: str, tree: Any, shared: Values) -> Content:
 
 
 def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
-    """Return a camera's values with our keys, its length unit and its up axis, or None if the node is no camera."""
+    """Return a camera's values by our key names, its length unit and its up axis, or None if the node is no camera."""
     if not isinstance(node, Mapping):
         return None
     for convert, unit, up_axis in _CAMERAS:
@@ -95,7 +95,7 @@ def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
 def _stacked(values: Values) -> Nodes:
     """Split values that list all cameras (as in ZJU-MoCap) into one node per camera.
 
-    Return [] for a single camera. If all rows have equal intrinsics, they describe one moving camera.
+    Return [] for a single camera. If all entries have equal intrinsics, they describe one moving camera.
     """
     try:
         K = np.array(find(values, "K"), dtype=np.float64)

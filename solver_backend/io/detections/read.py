@@ -188,7 +188,7 @@ def _require_finite(pictures: list[_Picture]) -> None:
 
 
 def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Return the diagnostics about hands, without those already reported for bodies."""
+    """Return the diagnostics about hands that are not already reported for bodies."""
     said = {(item.code, item.values.get("how")) for item in bodies}
     return [item for item in found if (item.code, item.values.get("how")) not in said]
 

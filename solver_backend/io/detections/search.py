@@ -227,7 +227,7 @@ def _array(root: Path) -> dict[str, CameraSource]:
 
 
 def _runs(root: Path) -> dict[str, CameraSource]:
-    """Find the cameras in Ultralytics runs, by video. The reader of a video with two runs raises an error."""
+    """Find the cameras in Ultralytics runs, by video name. If a video has several runs, its reader raises an error."""
     folders: dict[str, list[Path]] = {}
     for labels in sorted({path for pattern in _RUNS for path in root.glob(pattern)}, key=lambda p: natural_key(str(p))):
         for name in column_table.files_of_cameras(labels):

@@ -356,7 +356,7 @@ def _has_frame_columns(values: np.ndarray, markers: int) -> bool:
 
 
 def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
-    """Read a marker file's rigid bodies from ``walk_6D.tsv``. Return None if that file is missing or does not match."""
+    """Read a marker file's rigid bodies from its 6D file, such as ``walk_6D.tsv``. Return None if none matches."""
     beside = path.with_name(f"{path.stem.removesuffix('_3D')}{_SIX_D}.tsv")
     if beside == path or not beside.is_file():
         return None

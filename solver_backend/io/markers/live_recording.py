@@ -85,7 +85,7 @@ def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
 
 
 def _block(head: bytes, stream: BinaryIO) -> tuple[LiveBlock | None, int]:
-    """Decode the block that begins with ``head``. Return it and its length, or (None, 0) if it is damaged."""
+    """Decode the block that begins with ``head``. Return the block and its length, or (None, 0) if it is damaged."""
     if len(head) < _HEAD.size:
         return None, 0
     mark, count, check = _HEAD.unpack(head)

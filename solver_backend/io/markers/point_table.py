@@ -165,8 +165,8 @@ def read_point_array(path: Path) -> MarkerSource:
     """Read 3D points (F, N, 3), NaN where missing, and their N names.
 
     The names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` next to ``NAME.npy``. A text file has
-    one name per line, and a JSON file contains a list. Without a file of names, the points get the names of the joint
-    set that has N points, if there is only one.
+    one name per line, and a JSON file contains a list. Without a file of names, the points get the names of the only
+    joint set with N points.
 
     Raises:
         FileDamaged: the file is not an array of numbers, or the number of names differs.

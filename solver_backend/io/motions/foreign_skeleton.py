@@ -355,7 +355,7 @@ def _clear_axis(ways: np.ndarray) -> int | None:
 
 
 def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:
-    """Warn if a joint jumps from the first to the second frame, so that the first one seems to be a separate pose."""
+    """Warn if a joint jumps after the first frame, which suggests that the first frame is a separate pose."""
     parents = np.array(motion.parents)
     G = motion.turns[:_FOLLOWING]
     if len(G) < _FOLLOWING:

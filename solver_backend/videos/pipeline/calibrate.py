@@ -80,9 +80,9 @@ def calibrate_take(
 ) -> tuple[str, tuple[Diagnostic, ...]]:
     """Calibrate a take's cameras and write the calibration. Return the method and the diagnostics.
 
-    The method is board, person or ``ONE_CAMERA``. If several cameras filmed a board, it determines lenses and poses.
-    Otherwise, the person determines the poses. If no lens is known or can be calibrated from board footage, focal
-    lengths are guessed from the image size, and then refined together with the poses.
+    The method is board, person or ``ONE_CAMERA``. If several cameras filmed a board, the board determines lenses and
+    poses. Otherwise, the person determines the poses. If no lens is known or can be calibrated from board footage,
+    focal lengths are guessed from the image size, and then refined together with the poses.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, _PLACES)
     names = request.take.cameras

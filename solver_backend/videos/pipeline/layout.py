@@ -166,7 +166,7 @@ def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
 
 
 def _lone_take(root: Path) -> tuple[FoundTake, ...]:
-    """Return a take for the only video in a folder or in its video subfolder. Return () if there is not exactly one."""
+    """Return a take for the only video in a folder or in its video subfolder. Return () for none or several."""
     if _is_other(root):
         return ()
     below = {path.name.lower(): path for path in _folders(root)}

@@ -43,7 +43,7 @@ class TakePlan:
 
 
 def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
-    """Plan the steps of every take. Several takes get one output folder each."""
+    """Plan the steps of every take. If there are several takes, each one gets an output folder."""
     plans, several = [], len(found.takes) > 1
     for take in found.takes:
         folder, calibration, problem = out / take.name if several else out, None, ""
@@ -133,7 +133,7 @@ class Records:
         return output.is_file() and self._keys.get(output.name) == key_of(made_of)
 
     def is_ours(self, output: Path) -> bool:
-        """Return whether the pipeline wrote an output, so that it may replace it."""
+        """Return whether the pipeline wrote an output and may therefore replace it."""
         return output.name in self._keys
 
     @contextmanager

@@ -48,7 +48,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
         return recordings.pack_head(_FORMAT, _VERSION, body=body, source=self.source, joint_set=joint_set, **described)
 
     def encode(self, moment: ViewMoment, line: FrameLine | None) -> bytes:
-        """Encode a moment and its live pose as a row. Without a pose, its values are NaN."""
+        """Encode a moment and its live pose as a row. Without a pose, the pose values are NaN."""
         session = self.session
         assert session is not None
         cameras, count = session.cameras, session.joint_set.num_keypoints

@@ -37,7 +37,7 @@ class LiteRtModel:
     """A MediaPipe model with a single input tensor. Only models with a known SHA-256 hash are accepted."""
 
     def __init__(self, path: Path, known: dict[str, str], package: str, widths: list[int]) -> None:
-        """Load a model, and check that its first outputs have the numbers of elements in ``widths``."""
+        """Load a model, and check the number of elements in its first outputs against ``widths``."""
         content = path.read_bytes()
         digest = hashlib.sha256(content).hexdigest()
         if digest not in known:
