@@ -242,7 +242,7 @@ def find_unit(
     if np.isfinite(apart):  # an adult in inches resembles a crouching person in centimetres
         units = tuple(sorted(METRES, key=lambda unit: abs(np.log(max(apart, 1e-9) * METRES[unit] / usual))))
     for other in dict.fromkeys(units):
-        if fits(other, (POSSIBLE_M[0] / CLEAR, POSSIBLE_M[1] * CLEAR)):
+        if fits(other, (POSSIBLE_M[0] / CLEAR**2, POSSIBLE_M[1] * CLEAR)):  # a small child may also sit
             if name is None:
                 return _unit(other, "spread", spread=size)
             problem = diagnostic("marker_unit_not_as_stated", stated=name, spread=size * METRES[name], unit=other)

@@ -70,6 +70,8 @@ def test_units() -> None:
                 assert found.name == unit
                 assert found.problem is not None and found.problem.code == "marker_unit_not_as_stated"
                 assert found.problem.values["stated"] == wrong
+    for metres, unit in ((1.0, "m"), (0.001, "mm")):  # a toddler who sits
+        assert find_unit(0.2 * body / metres, "", None, unit).name == unit
     lost = find_unit(body * 1e9, "m", None, "mm")
     assert lost.problem is not None
     assert (lost.name, lost.problem.code) == ("m", "marker_spread_unlikely")
