@@ -125,7 +125,7 @@ def has_contact_edits(action: bpy.types.Action) -> bool:
 
 
 def contact_edits(action: bpy.types.Action) -> list[list[Any]]:
-    """Return the user's contact edits: body part, first and last capture frames, and whether it touches the floor."""
+    """Return the user's contact edits: body part, first and last capture frame, and whether the part has contact."""
     return list(json.loads(action.get(EDITS, "[]")))
 
 

@@ -116,7 +116,7 @@ def looks_of(mesh: bpy.types.Object) -> list[str]:
 
 
 def _paint(mesh: bpy.types.Object, look: str) -> None:
-    """Store the current look's materials, then show ``look`` with its stored materials, or with new ones at first."""
+    """Store the current look's materials, then show ``look`` with its stored materials. Create them at first use."""
     data, faces = mesh.data, np.empty(len(mesh.data.polygons), np.int32)
     objects = [obj for obj in bpy.data.objects if obj.data == data and obj.is_editable]
     if (before := data.attributes.get(_attribute(look_of(mesh)))) is not None:

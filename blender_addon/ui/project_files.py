@@ -260,7 +260,7 @@ def relink(folder: Path) -> tuple[int, list[Path]]:
 
 
 def _equal_parts(path: Path, other: Path) -> int:
-    """Return how many of their last parts (file name, folder, ...) two paths share."""
+    """Return the number of equal parts (file name, folder, ...) at the ends of two paths."""
     parts = zip(reversed(path.parts), reversed(other.parts), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
 
@@ -305,7 +305,7 @@ def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
 
 
 def _root(path: Path, base: Path) -> tuple[Path, Path] | None:
-    """Return the root folder that a file moves to and its current root folder, or None if the file stays."""
+    """Return the new and the current root folder of a file, or None if the file stays where it is."""
     sessions = sessions_folder()
     if path.is_relative_to(sessions) and len(path.relative_to(sessions).parts) > 1:
         return base / BESIDE, sessions / path.relative_to(sessions).parts[0]

@@ -196,11 +196,11 @@ class LabelWords:
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))
 
     def lacks_side(self, label: str) -> bool:
-        """Return whether a label names a location on either side, such as ``KNEE``, without stating the side."""
+        """Return whether a label, such as ``KNEE``, lacks the side of a location that exists on both sides."""
         return bool(self.without_side(label))
 
     def without_side(self, label: str) -> tuple[str, ...]:
-        """Return the locations, without side, of a label that needs a side but does not state it, otherwise ()."""
+        """Return the locations (without side) of a label that should state a side but does not. Otherwise return ()."""
         side, words = self.of(label)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words and not side else ()
         return () if any(part[0] == "-" for part in parts) else parts

@@ -66,7 +66,7 @@ def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) 
 
 
 def _rotation_and_strength(M: Array) -> tuple[Array, Array]:
-    """Return the nearest rotation (..., 3, 3) and ``tr(Rᵀ M)`` (...)."""
+    """Return the rotation R (..., 3, 3) nearest to M (..., 3, 3), and ``tr(Rᵀ M)`` (...)."""
     xp = array_namespace(M)
     U, S, Vh = xp.linalg.svd(M)
     sign = xp.sign(xp.linalg.det(U) * xp.linalg.det(Vh))

@@ -99,12 +99,12 @@ def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all:
 
 
 def _middle(values: np.ndarray) -> np.ndarray:
-    """Return the coordinate-wise median (F, 3) of the visible vectors among (F, n, 3), or 0 if none is visible."""
+    """Return the coordinate-wise median (F, 3) of the vectors (F, n, 3) that are not NaN, or 0 if all are NaN."""
     return np.nan_to_num(quantile(values, 0.5, axis=1))
 
 
 def _least(values: np.ndarray) -> np.ndarray:
-    """Return the smallest length (F,) of the visible vectors among (F, n, 3), or 0 if none is visible."""
+    """Return the smallest length (F,) of the vectors (F, n, 3) that are not NaN, or 0 if all are NaN."""
     length = np.linalg.norm(values, axis=-1)
     least = np.where(np.isfinite(length), length, np.inf).min(axis=1, initial=np.inf)
     return np.where(np.isfinite(least), least, 0.0)

@@ -436,7 +436,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
 
 
 def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
-    """Compare a selection of the takes with each other, and each remaining take with a few of them."""
+    """Make a selection of the takes consistent with each other, then each remaining take with a few of these."""
     chosen = np.unique(np.linspace(0, len(takes) - 1, MOST_TOGETHER).astype(int)).tolist()
     found = names_over_takes([takes[i] for i in chosen], kept)
     changes = [replace(change, take=chosen[change.take]) for change in found.changes]
@@ -479,7 +479,7 @@ def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameCh
 
 
 def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float, bool]]:
-    """Find the takes with two swapped labels. Return each take, the gain of a swap, and whether it is certain.
+    """Find the takes with two swapped labels. Return each take, the gain of a swap, and whether the swap is certain.
 
     ``gain`` (T, T) is the gain from a swap between two takes, NaN if one of them does not show both markers.
     ``by_layout`` (T,) is the gain relative to the layout's landmarks.

@@ -197,13 +197,16 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
 
 
 def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Split (..., 3) keypoints into pixels and confidences. If one of them is missing, both become missing."""
+    """Split (..., 3) keypoints into pixels and confidences. If either value is missing, both are set to missing."""
     there = np.isfinite(seen).all(-1) & (seen[..., 2] > 0)
     return np.where(there[..., None], seen[..., :2], np.nan), np.where(there, np.minimum(seen[..., 2], 1.0), 0.0)
 
 
 def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
-    """Return the keypoints of the person near ``expected`` (K, 2) if given, otherwise of the largest person."""
+    """Return the keypoints of the person near ``expected`` (K, 2), or of the largest person if that is None.
+
+    Return None if there is no such person.
+    """
     shown, confidence = _split(people)
     known = np.isfinite(shown).all(-1).any(axis=1)
     if not known.any():

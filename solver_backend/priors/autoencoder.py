@@ -83,7 +83,7 @@ class DenseStack:
         return x, jacobian
 
     def with_vjp(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
-        """Return the output (N, out) and the vector-Jacobian product, from the output to the input.
+        """Return the output (N, out), and the function ``v -> Jᵀ v`` (N, in) with the network's Jacobian J.
 
         Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one call costs as much as the forward pass.
         """
@@ -125,7 +125,7 @@ def decoded_rotations(decoder: DenseStack, z: Codes) -> Poses:
 
 
 def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-    """Decode codes (N, d) to poses. Also return the vector-Jacobian product, from left tangents to codes."""
+    """Decode codes (N, d) with Jacobian J. Also return the function ``v -> Jᵀ v`` for left tangents v (N, 21, 3)."""
     xp = array_namespace(z)
     flat, flat_vjp = decoder.with_vjp(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))

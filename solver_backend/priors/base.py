@@ -48,7 +48,7 @@ class PosePrior(ABC):
         """Return decoded poses and the Jacobian J (N, 21, 3, d): ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
 
     def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-        """Return poses and the vector-Jacobian product, from their left tangents (N, 21, 3) to codes (N, d)."""
+        """Decode codes with Jacobian J. Also return the function ``v -> Jᵀ v`` for left tangents v (N, 21, 3)."""
         rotations, jacobian = self.decode_with_jacobian(z)
         xp = array_namespace(z)
 

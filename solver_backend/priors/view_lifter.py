@@ -331,7 +331,7 @@ CLASSES = 3  # Towards the camera, across, away from it.
 
 @dataclass(frozen=True)
 class LimbSlants:
-    """Network that classifies limb bones by their direction: towards the camera, across, or away from it."""
+    """Network that estimates whether limb bones point towards the camera, across the view, or away from the camera."""
 
     stack: DenseStack  # From the lifter's features to 8 x 3 logits.
     metadata: dict[str, Any]  # Training command, data and evaluation.

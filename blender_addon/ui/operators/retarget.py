@@ -126,7 +126,7 @@ def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
 
 
 def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
-    """Return the rig to animate. Raise ``MapInvalid`` without a target, or if it is also the actor."""
+    """Return the rig to animate. Raise ``MapInvalid`` without a target, or if the target is also the actor."""
     rig = context.scene.mocap.retarget.target
     if rig is not None and rig == actor_object(context.scene):
         raise MapInvalid("Actor and target are the same armature.", hint="Choose different ones in the Retarget panel.")

@@ -144,7 +144,7 @@ def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the robust mean (3, 3) of three marker positions (F, 3, 3), and the means' covariances (3, 3, 3)."""
+    """Return the robust means (3, 3) of three marker positions over F frames (F, 3, 3), and their covariances."""
     mean = np.median(triples, axis=0)
     spread = np.maximum(1.4826 * np.median(np.linalg.norm(triples - mean, axis=-1), axis=0) / 1.54, 1e-5)
     weight = np.ones(triples.shape[:2])
