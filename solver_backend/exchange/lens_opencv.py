@@ -59,7 +59,7 @@ def _by_terms(x: np.ndarray, y: np.ndarray, k: np.ndarray) -> np.ndarray:
 
 
 def _turn(k: np.ndarray) -> np.ndarray:
-    """Return the terms for an image rotated 90 degrees clockwise: ``p1' = p2``, ``p2' = -p1``."""
+    """Return the distortion coefficients for an image rotated 90 degrees clockwise: ``p1' = p2``, ``p2' = -p1``."""
     turned = k.copy()
     turned[2], turned[3] = k[3], -k[2]
     return turned

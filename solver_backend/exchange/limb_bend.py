@@ -17,9 +17,9 @@ _CLEAR_BEND = 0.05  # Sine of the bend at which the plane of the bones and the a
 def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rotate the two bones of a limb so that its end reaches a goal.
 
-    First, the lower bone rotates about the hinge n until the distance d is correct. If u and v are the bones and a bar
-    denotes the part perpendicular to n, the law of cosines gives ``|ū| |v̄| cos φ = (d² - |u|² - |v|²)/2 -
-    (u·n)(v·n)``. Then the whole limb swings by the smallest rotation.
+    First, the lower bone rotates about the hinge n until the ends of the limb have the distance d. If u and v are the
+    bones, a bar denotes the part perpendicular to n, and φ is the angle between these parts, the law of cosines gives
+    ``|ū| |v̄| cos φ = (d² - |u|² - |v|²)/2 - (u·n)(v·n)``. Then the whole limb swings by the smallest rotation.
 
     Args:
         reach: (F, 3) vectors from the start of the limb to its goal in metres. If a goal is out of reach, the limb ends
@@ -84,9 +84,9 @@ def within_reach(
 ) -> np.ndarray:
     """Return the smallest (F, 3) body offset in metres that lets all L legs reach their feet.
 
-    If c is the vector from a hip to its ankle, the offset w satisfies ``least <= |c - w| <= longest``. The smallest w
-    is 0, or is on a sphere around one c, or on the circle where two spheres intersect. If no offset suits both legs,
-    the midpoint of the gap is returned.
+    If c is the vector from a hip to its ankle, the offset w satisfies ``folded <= |c - w| <= reaches``. The smallest w
+    is 0, or is on a sphere around one c, or on the circle where two spheres intersect. If no offset suits all legs, the
+    offset with the smallest remaining error is returned.
 
     Args:
         hips, ankles: (L, F, 3) positions in metres.

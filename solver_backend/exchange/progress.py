@@ -25,7 +25,7 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 def prefixed(progress: Progress, prefix: str) -> Progress:
-    """Wrap a progress receiver so that stage names get a prefix."""
+    """Wrap a progress callback so that stage names get a prefix."""
 
     def receive(stage: str, done: int, total: int) -> None:
         progress(prefix + stage, done, total)

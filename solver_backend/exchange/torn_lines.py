@@ -9,9 +9,9 @@ import numpy as np
 
 
 def torn_line(path: Path | str, text: str) -> str:
-    """Return the path of a BVH file for an error message, with its first damaged MOTION line if there is one.
+    """Return the path of a BVH file for an error message, followed by its first damaged MOTION line, if any.
 
-    The line is omitted if more than half of the lines are damaged.
+    The damaged line is omitted if more than half of the lines are damaged.
     """
     lines = text.splitlines()
     channels = sum(int(count) for count in re.findall(r"(?i)\bCHANNELS\s+(\d{1,4})\b", text))

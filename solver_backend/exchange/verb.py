@@ -36,7 +36,7 @@ class Verb:
 
     @cached_property
     def settings(self) -> tuple[Setting, ...]:
-        """The verb's settings, created only when it runs."""
+        """The verb's settings, created only when the verb runs."""
         return self.declared()
 
     @property

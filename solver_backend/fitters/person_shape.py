@@ -344,11 +344,11 @@ def with_window_variances(
     coordinate. Values below the assumed level are not used, because a solution's residuals are always smooth.
 
     Args:
-        term: landmarks that are measured once in each of the F frames.
-        points: (F, L, 3) a solution's landmarks in metres.
+        term: landmarks that are measured once in each of the T frames.
+        points: (F, L, 3) a solution's landmarks in metres, in the frames ``looked_at``.
         scale: landmarks beyond this many standard deviations are excluded.
         dof: unknowns of the solution per frame.
-        looked_at: (T,) bool, frames of the term that have points, or None for all. A window without points gets v_l.
+        looked_at: (T,) bool, true for the F frames of ``points``. None for all. A window without points gets v_l.
     """
     looked_at = np.ones(len(points), dtype=bool) if looked_at is None else looked_at
     found = term.select(np.flatnonzero(looked_at)).residuals(points)

@@ -88,7 +88,7 @@ def _is_moving_in_stances(feet: np.ndarray, fps: float, change: float) -> bool:
     """Return whether planted feet rise or sink together with the whole body, as in a drift of the world.
 
     During a stance, a foot on stairs is still, whereas in a drift it moves with the body. Without stances, the two
-    cannot be distinguished.
+    cannot be distinguished, and the result is True.
     """
     lower = feet[..., 2].argmin(axis=1)[:, None]
     way, seconds = steps(feet[..., :2], fps)

@@ -63,7 +63,7 @@ def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
 
 
 def _bone(layout: BodyLayout, rest_joints: np.ndarray, j: int) -> np.ndarray | None:
-    """Return a bone's direction towards the next joint (wrist: knuckles), or None at the end of a chain."""
+    """Return a bone's direction (from the wrist: towards the middle knuckle), or None at the end of a chain."""
     children = layout.children[j]
     knuckles = [c for c in children if "middle" in layout.joints[c] or layout.joints[c].endswith("_hand")]
     end = layout.main_child.get(j, (knuckles or [None])[0])

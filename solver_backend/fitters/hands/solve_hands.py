@@ -176,7 +176,10 @@ def with_fingers_of(
 
 
 def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -> np.ndarray:
-    """Return corrections (F, J, 3) that make finger rotations match the earlier ones at range ends and pins."""
+    """Return corrections (F, J, 3) that move finger rotations to their targets at range ends and pins.
+
+    The targets are the earlier rotations ``before`` at fixed range ends, and the pinned rotations at pins.
+    """
     wanted, moved = solved.frame_range, set(solved.moved.tolist())
     pins = {pin.frame: pin.body_pose.reshape(-1, 3) for pin in wanted.pins}
     wide = {frame: pose[-before.shape[1] :] for frame, pose in pins.items() if len(pose) > SMPL.num_joints - 1}

@@ -23,7 +23,7 @@ from solver_backend.types import Motion
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent) -> Keyframes:
     """Estimate keyframes from an initial motion if there is one, otherwise from the nearest observed frames.
 
-    Keyframes without observations are interpolated along geodesics between the last and the next observed frame.
+    Keyframes without observations are interpolated along geodesics between the previous and the next observed frame.
     """
     rough = problem.measurements.rough
     known = np.flatnonzero(problem.measurements.seen) if rough is None else rough.frames

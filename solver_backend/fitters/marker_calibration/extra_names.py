@@ -132,7 +132,7 @@ def named_extras(
 
     Args:
         person: a person calibrated on this body, with markers attached to bones.
-        kept: names that the user assigned. They stay even if the person has no such marker.
+        kept: names that the user assigned. These names stay even if the person has no such marker.
 
     Raises:
         SubjectInvalid: the person was calibrated on another body or wears other markers.

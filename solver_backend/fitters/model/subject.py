@@ -240,7 +240,7 @@ class PosedFrames(Rows):
 
 @dataclass(frozen=True)
 class SkinTerms:
-    """Terms on S unmeasured points of the skin."""
+    """Objective terms on S points of the skin, which are not measured."""
 
     landmarks: Landmarks  # The person's L landmarks, followed by the S points.
     points: tuple[PointTerm, ...]  # On the S points.

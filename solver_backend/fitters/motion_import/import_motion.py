@@ -273,7 +273,7 @@ _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
 
 
 def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
-    """Estimate the body shape (10,) from a skeleton's lengths l: ``min Σ (l(β) - l)² / σ² + |β|²``.
+    """Estimate the body shape (10,) from a skeleton's segment lengths l: ``min Σ (l(β) - l)² / σ² + |β|²``.
 
     ``rest`` are the skeleton's joints (24, 3) at rest in metres, NaN where missing.
     """

@@ -97,7 +97,7 @@ def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> 
 
 
 def _speed(points: np.ndarray, fps: float) -> np.ndarray:
-    """Return the velocities of points (F, ...) per second, averaged over ``SMOOTH_S``."""
+    """Return the velocities of points (F, ...) in units per second, averaged over ``SMOOTH_S``."""
     half = max(1, round(0.5 * SMOOTH_S * fps))
     index = np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
@@ -121,7 +121,7 @@ SEEN_BEFORE_S = 0.2  # A keypoint's last position is used for this number of sec
 def restore_sides(
     camera: str, keypoints: Keypoints2D, but: Collection[str] = ()
 ) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Undo swapped limbs in one view's detections, except on the limbs ``but``, and report them."""
+    """Undo left-right swaps of limbs in one view's detections, and report them. Swaps of the limbs ``but`` remain."""
     names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
     seen, found = confidence > 0, list[Diagnostic]()
     for part, names_of in LIMBS.items():

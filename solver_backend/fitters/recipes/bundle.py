@@ -172,7 +172,7 @@ class Bundle:
 
     @property
     def data_cost(self) -> np.ndarray:
-        """(F,) half the robust squared measurement errors of each frame."""
+        """(F,) half the sum of the robust squared measurement errors in each frame."""
         return to_numpy(self.data(self.everywhere.points, self.settings.robust_scale).cost)
 
     def move(self, keys: Keyframes) -> Bundle:
@@ -296,7 +296,7 @@ def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
 
 
 def hold_skin(bundle: Bundle) -> Bundle:
-    """Solve again with the skin outside the floor, objects and other people.
+    """Solve again so that the skin does not penetrate the floor, objects or other people.
 
     Skin is fixed where it touches the floor or objects. If the measurements contradict the result, fewer surfaces are
     used: first no other people, then no objects, and finally no floor.
@@ -321,7 +321,7 @@ def hold_skin(bundle: Bundle) -> Bundle:
 
 
 def _hold_outside(bundle: Bundle, world: Obstacles, others: OtherSkin | None) -> tuple[Bundle, np.ndarray]:
-    """Solve with the skin outside surfaces. Return the bundle, and an (F, 11) mask of the affected body parts."""
+    """Solve so that the skin does not penetrate surfaces. Return the bundle and an (F, 11) mask of affected parts."""
     standing, names = bundle.contacts, bundle.posed.subject.landmarks.names
     works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)

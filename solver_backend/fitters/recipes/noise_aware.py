@@ -119,7 +119,7 @@ class LandmarkFit:
         return cost, np.concatenate([by_code, by_root, by_transl, found.by_own], axis=1), by_betas
 
     def scale(self, loss: LandmarkLoss) -> np.ndarray:
-        """Estimate the inverse second derivatives (F, 38 + n) of the cost at the start."""
+        """Estimate the inverse second derivatives (F, 38 + n) of the cost at the initial unknowns."""
         local, by_code = self.prior.decode_with_jacobian(self.start.z)
         placed = pose(self.subject, PosedFrames(self.start.root, local, self.start.transl), jacobian=True)
         assert placed.by_rotations is not None
