@@ -148,7 +148,7 @@ def _sources() -> dict[str, str]:
 
 
 def _owners(rig: AnnyRig) -> np.ndarray:
-    """Assign each bone to a joint of SMPL. Toes belong to the foot, and fingers except thumbs to the hand."""
+    """Assign each bone to an SMPL joint. Toes belong to the foot, fingers to the hand, and thumbs to their parent."""
     joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
     owner = np.zeros(len(rig.bones), dtype=int)
     for b, bone in enumerate(rig.bones):

@@ -97,8 +97,8 @@ class LinedMesh:
     def draw(self, field: Field, inner_m: float = 0.0, outer_m: float = 0.0) -> Band:
         """Slide vertices onto the line where ``field`` is 0, and return the faces on both sides of it.
 
-        The next ring of vertices inside slides to the distance ``inner_m`` from the line, and the next ring outside to
-        ``outer_m``. A ring with the distance 0 does not move.
+        The adjacent ring of vertices on the inner side slides to the distance ``inner_m`` from the line. The adjacent
+        ring on the outer side slides to the distance ``outer_m``. If a distance is 0, its ring does not move.
         """
         value = field(self.vertices)
         value[self.fixed & (np.abs(value) < _ON_M)] = 0.0
@@ -117,7 +117,7 @@ class LinedMesh:
         return Band(value[self.faces].sum(axis=1) < 0, ring[self.faces].any(axis=1))
 
     def _cover(self, a: Array, b: Array, cost: Array) -> Array:
-        """Return a mask (V,) of vertices to slide onto a line. Each edge that crosses the line has an end in it."""
+        """Return a mask (V,) of vertices to slide onto a line. Each edge across the line has an end in the mask."""
         chosen = np.zeros(len(cost), bool)
         chosen[np.where(cost[a] <= cost[b], a, b)] = True
         for vertex in np.flatnonzero(chosen)[np.argsort(-cost[chosen], kind="stable")].tolist():

@@ -267,7 +267,10 @@ def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
 
 
 def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
-    """Return the animated armature with this name, or the only one for "". If there are bodies, others are ignored."""
+    """Return the animated armature with this name, or the only animated armature if the name is empty.
+
+    If some of the animated armatures are bodies of this add-on, the others are ignored.
+    """
     rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
     rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
     chosen = [name] if name else list(rigs)

@@ -123,7 +123,7 @@ class DressedPerson:
         move_vertices(self.object, vertices)
 
     def surface(self, frame: int) -> np.ndarray:
-        """Return the vertices (N, 3) in world metres at a frame, limited to the frames of the motion."""
+        """Return the vertices (N, 3) in world metres at a frame, which is clamped to the frames of the motion."""
         frame = int(np.clip(frame, 0, self._motion.num_frames - 1))
         if frame not in self._known:
             while len(self._known) > 2:

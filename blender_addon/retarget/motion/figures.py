@@ -177,7 +177,7 @@ _BALL_BEFORE_ANKLE = 1.5  # Distance from ankle to ball, relative to the ankle's
 
 
 def foot_ball(target: Target, foot: int) -> np.ndarray:
-    """Return the (3,) rest position of a foot's ball. If it is unknown, it is straight in front of the ankle."""
+    """Return the (3,) rest position of a foot's ball. Default: straight in front of the ankle."""
     if np.isfinite(target.ends[foot]).all():
         return target.ends[foot]
     return target.heads[foot] + _BALL_BEFORE_ANKLE * target.heads[foot, 2] * FORWARD

@@ -123,7 +123,7 @@ def _foot_goals(
 
 
 def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
-    """Return the target's hip path (F, 3): the actor's scaled path, plus the difference in ankle height."""
+    """Return the target's hip path (F, 3): the actor's scaled path, plus the difference of the two ankle heights."""
     hips = scale * actor.joints[:, _HIPS].mean(1)
     feet = [c for c in (target.index(f"{side}_foot") for side in SIDES) if c >= 0]
     if not feet:

@@ -183,8 +183,8 @@ def widen_by_halves(
 
     The errors of corners in the same image are correlated (lens model, flatness, print), so a covariance for
     independent corners is too small. A calibration from all footage has a variance σ², and one from half of
-    the footage 2 σ². The difference between two halves has the variance 4 σ², so that ``σ = |difference| / 2``. One
-    factor enlarges the deviations of all centres, and another one those of all rotations. The lenses stay fixed.
+    the footage 2 σ². The difference between two halves has the variance 4 σ², so that ``σ = |difference| / 2``. The
+    deviations of all centres are enlarged by one factor, and all rotations by another. The lenses stay fixed.
     """
     moments = sorted(set().union(*seen))
     halves: list[Cameras] = []

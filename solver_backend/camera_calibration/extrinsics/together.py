@@ -159,7 +159,7 @@ class Evidence:
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return the observations of a moving board. In each frame, the camera that sees most points defines its pose."""
+    """Collect a moving board's observations. In each frame, the camera that sees most points gives its initial pose."""
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
@@ -292,7 +292,7 @@ def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
     """Report cameras on which a source contradicts the other sources.
 
-    ``after`` is the error (C,) of the joint calibration, ``before`` that of a calibration from this source alone.
+    ``before`` is the error (C,) of a calibration from this source alone, ``after`` the error of the joint calibration.
     """
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())

@@ -80,7 +80,7 @@ def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
 
 
 def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
-    """Read the cameras in a file with a suffix in ``READ``. If ``nested`` is true, its folder names the camera."""
+    """Read the cameras in a file with a suffix in ``READ``. With ``nested``, the folder name is the camera name."""
     read, largest = READ[path.suffix.lower()]
     if path.is_file() and path.stat().st_size > largest:
         return MatrixFile(path, Content([]))
