@@ -107,10 +107,7 @@ class Fields:
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
-        """Raise ``FileDamaged`` if the file states another format or a later version.
-
-        A file without a format or version is accepted.
-        """
+        """Raise ``FileDamaged`` if the file states another format or a later version. Accept files that state none."""
         found = self.text("format", name)
         if found != name:
             raise other_kind(found, name, str(self.path))

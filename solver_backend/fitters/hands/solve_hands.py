@@ -493,10 +493,7 @@ def solve_hand_range(
 
 
 def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
-    """Correct a hand so that it has the ``states`` (n, D) in the frames ``stays``.
-
-    Between these frames, the correction is interpolated linearly.
-    """
+    """Correct a hand to ``states`` (n, D) in the frames ``stays``. Interpolate the correction between these frames."""
     found, at = hand.states, stays.astype(int)
     if len(at):
         left, every = states[at] - found[at], np.arange(len(found))
