@@ -43,7 +43,7 @@ def run_solver(
     python: Path | None = None,
     stopped: Callable[[int], MocapError | None] = lambda pid: None,
 ) -> Any:
-    """Run a solver verb in the given Python, or in this one, and return its result event."""
+    """Run a solver verb in the given Python, or in this process's Python, and return its result event."""
     return run_to_its_end(start(verb, arguments, python, Path.cwd()), progress, stopped)
 
 

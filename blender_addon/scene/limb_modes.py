@@ -95,8 +95,8 @@ _STRAIGHT_M = 0.02  # If a joint is this close to the line between its neighbour
 def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     """Return (F, 3) pole positions in front of a limb's middle joint.
 
-    The direction is ``o + s a``, where o is the offset of the middle joint from the line between its neighbours, a is
-    the forward direction of the bone above it (both perpendicular to that line), and s is a few centimetres. The
+    The direction is ``o + s a``. o is the offset of the middle joint from the line between its neighbours, a is the
+    forward direction of the bone above it, and s is a few centimetres. o and a are perpendicular to that line. The
     direction is smooth even if the limb is straight and o vanishes.
 
     Args:

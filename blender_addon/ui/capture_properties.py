@@ -64,7 +64,7 @@ class MocapMarker(bpy.types.PropertyGroup):
 
 
 class MocapPointLabel(bpy.types.PropertyGroup):
-    """A label that the user assigned to a point. Its name is the track's label."""
+    """A label that the user assigned to a point. The item's name is the label of the point's track."""
 
     point: int  # Column number in the recording.
     frame: int  # Frame number in the recording.

@@ -57,7 +57,7 @@ class Stride:
 
     @property
     def cadence_per_min(self) -> float:
-        """Steps of both feet per minute (cadence), at the pace of this stride."""
+        """Cadence: steps of both feet per minute at the pace of this stride."""
         return 120.0 / self.time_s
 
     @property

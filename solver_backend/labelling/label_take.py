@@ -259,7 +259,7 @@ def body_evidence(
 
 
 def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """Return a (53, 53) mask. Entry (i, j) is true if marker j is on the joint of marker i, or below it."""
+    """Return a (53, 53) mask. Entry (i, j) is true if marker j is on the joint of marker i or on a joint below it."""
     within = np.eye(len(parents), dtype=bool)
     for joint, parent in enumerate(parents):
         if parent >= 0:

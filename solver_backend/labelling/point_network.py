@@ -166,7 +166,7 @@ _PART, _PAIRS = 64, 64 * 100**2  # Largest numbers of frames and point pairs rea
 
 @dataclass(frozen=True)
 class FramesRead:
-    """Network outputs for B frames, the (B, N) columns of the points in the take, and a mask of existing points."""
+    """Network outputs for B frames, with the take columns (B, N) of their points and a mask of existing points."""
 
     frames: np.ndarray
     columns: np.ndarray

@@ -56,7 +56,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
 
     @abstractmethod
     def _reset(self) -> None:
-        """Forget the pose, so that the next moment starts without one."""
+        """Forget the pose, so that the fit of the next moment starts without an earlier pose."""
 
     def proportions(self) -> tuple[BodyLayout, np.ndarray]:
         """Return the body layout and the (J, 3) rest joints of the person, as currently known."""

@@ -39,7 +39,7 @@ class PointEvidence:
         )
 
     def beside(self, other: PointEvidence) -> PointEvidence:
-        """Append the evidence of other landmarks, which must not have ``shared`` errors."""
+        """Append the evidence of other landmarks. The appended evidence must not have ``shared`` errors."""
         xp = array_namespace(self.cost)
         gradient = xp.concat([self.gradient, other.gradient], axis=1)
         information = xp.concat([self.information, other.information], axis=1)

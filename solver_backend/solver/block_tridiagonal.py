@@ -117,7 +117,7 @@ class BlockTridiagonal:
 
 @dataclass(frozen=True)
 class _Inner:
-    """The k inner unknowns of each block, expressed by the outer unknowns of the same block and of the next one."""
+    """The k inner unknowns of each block as linear functions of the outer unknowns of this and the next block."""
 
     inverse: Array  # (N, k, k) ``A⁻¹``.
     own: Array  # (N, k, m) ``A⁻¹ B``.
@@ -192,7 +192,7 @@ class _Outer:
     def _eliminated(
         self, order: range, right: Sequence[Array], *, carry: bool
     ) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` for the blocks i in this order, where j is the block after i."""
+        """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` per block i, with Schur complement S. j follows i in ``order``."""
         xp = array_namespace(self.diagonal)
         coupled, found = dict[int, Array](), dict[int, Array]()
         met = self.diagonal.shape[1]

@@ -84,7 +84,7 @@ def gradient_descent(
 def retracted_line(
     manifold: Manifold, objective: Objective, x: State, direction: State
 ) -> Callable[[float], StepTrial[tuple[State, State]]]:
-    """Return a function that maps a step along ``direction`` to the state on the manifold, its cost and the slope."""
+    """Return a function that maps a step length along ``direction`` to the new state with its cost and slope."""
 
     def at(step: float) -> StepTrial[tuple[State, State]]:
         moved = manifold.combine(step, direction, 0.0, direction)

@@ -188,7 +188,7 @@ def calibrate_subject(self: Any, context: bpy.types.Context) -> Steps:
 
 
 def calibrated(result: PersonResult) -> str:
-    """Return text about a subject calibration: its markers, and the one farthest from its usual position."""
+    """Return the number of markers in a subject calibration, and the one farthest from its usual position, as text."""
     markers = result["markers"]
     label, worst = max(markers.items(), key=lambda item: item[1]["offset_mm"])
     name = label.rpartition(":")[2]

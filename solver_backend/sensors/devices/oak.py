@@ -195,7 +195,7 @@ def paired_frames(
 
 
 def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
-    """Return the centre of the exposure in seconds, on the PTP clock if ``by_ptp``, otherwise on the host's."""
+    """Return the centre of the exposure in seconds, on the PTP clock if ``by_ptp``, otherwise on the host's clock."""
     middle = dai.CameraExposureOffset.MIDDLE
     if not by_ptp:
         return float(picture.getTimestamp(middle).total_seconds())

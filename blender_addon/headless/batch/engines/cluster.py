@@ -117,7 +117,7 @@ class ClusterEngine(Engine):
             raise
 
     def free(self) -> int:
-        """Return how many more takes the workers can receive: one to run and one to wait per thread."""
+        """Return how many more takes the workers can receive, including takes that wait for a free thread."""
         return (1 if self._stretches else _AHEAD) * self._workers.threads - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
