@@ -118,7 +118,7 @@ def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarra
 
 
 def _epipolar(cameras: Cameras, xy: np.ndarray, progress: Progress) -> np.ndarray:
-    """Return each camera's median epipolar distance (C, W) in px, compared with all other cameras in W time windows."""
+    """Return each camera's median epipolar distance (C, W) in px to the cameras compared with it, in W time windows."""
     n = undistort(cameras, xy)
     windows = np.array_split(np.arange(xy.shape[1]), min(WINDOWS, xy.shape[1]))
     values = {(c, w): [np.array([])] for c in range(len(cameras)) for w in range(len(windows))}

@@ -209,7 +209,7 @@ _FIRST = re.compile(r"(?P<head>.*?)GOPR(?P<number>\d{4})(?P<tail>.*)", re.IGNORE
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """Return a recording's files in order: the images in a folder, or the given video and its later chapters."""
+    """Return a recording's files in order: the images in a folder, or all chapters of a video, given the first."""
     if path.is_dir():
         return tuple(sorted((p for p in path.iterdir() if is_picture(p)), key=lambda p: natural_key(p.name)))
     if chapter_of(path) is None or not path.parent.is_dir():
