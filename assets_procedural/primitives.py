@@ -94,7 +94,7 @@ class Primitives:
         return moved
 
     def normals(self, points: np.ndarray) -> np.ndarray:
-        """Return the outward unit normals (N, 3) of the level sets."""
+        """Return the outward unit normals (N, 3) of F's level sets through the points (N, 3)."""
         _, gradient = self.log_field(points)
         return -gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
 

@@ -313,7 +313,7 @@ class Plane:
         return points @ normal - self.offset
 
     def near(self, points: np.ndarray) -> np.ndarray:
-        """Return a mask (N,) of the points inside the box."""
+        """Return a mask (N,) of the points inside the box from ``low`` to ``high``."""
         return np.all((points > self.low) & (points < self.high), axis=1)
 
 

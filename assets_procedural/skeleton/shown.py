@@ -85,7 +85,7 @@ class DeltaMush:
         self._size = np.trace(self._spread(self._smooth), axis1=1, axis2=2)[:, None, None]
 
     def smooth(self, values: Array) -> Array:
-        """Smooth values (V, ...) on the mesh over the radius."""
+        """Smooth vertex values (V, ...) on the mesh over the smoothing radius."""
         for _ in range(2):
             values = self._solve(self._mass @ values)
         return values

@@ -27,7 +27,7 @@ LOCKED = " locked feet"  # Suffix of the name of each take that Lock Feet create
 
 @dataclass(frozen=True)
 class LockedFeet:
-    """A take with locked feet, and figures about the correction."""
+    """A take with locked feet, and measured values of the correction."""
 
     action: bpy.types.Action
     stands: int  # Number of locked contacts of a heel or ball.

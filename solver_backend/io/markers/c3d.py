@@ -97,7 +97,7 @@ class Parameter:
         return self.data.astype(np.float64) if self.kind == 1 else np.zeros(0)
 
     def texts(self) -> tuple[str, ...]:
-        """Decode all strings, without padding."""
+        """Decode the strings of a text parameter, without padding."""
         length = (self.dimensions[0] if self.dimensions else 1) if self.kind == -1 else 0
         count = len(self.data) // length if length else 0
         return tuple(_text(row) for row in self.data[: count * length].reshape(count, -1)) if count else ()
