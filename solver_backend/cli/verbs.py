@@ -136,7 +136,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """List the bodies that can be chosen by name, and the folder that contains them."""
+    """List the bodies that can be chosen by name, and the folder for the user's body files."""
     from solver_backend.body.files.choices import list_bodies
     from solver_backend.exchange.body_choice import bodies_folder
 

@@ -44,7 +44,7 @@ def _growth(u: Any, k: Terms, xp: Any) -> tuple[Any, Any]:
 
 
 def _invert(xy: Any, k: Terms, xp: Any) -> Any:
-    """Solve ``θ (1 + k1 θ² + …) = |xy|`` for the angle by Newton's method."""
+    """Undistort points (..., 2): solve ``θ (1 + k1 θ² + …) = |xy|`` for the angle θ by Newton's method."""
     bent = xp.sqrt(xy[..., 0] * xy[..., 0] + xy[..., 1] * xy[..., 1])
     k1, k2, k3, k4 = k[:4]
     angle = xp.where(bent < 1.55, bent, xp.full_like(bent, 1.55))

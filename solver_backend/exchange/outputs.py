@@ -269,7 +269,7 @@ def _unfinished(beginning: str, path: Path, number: int) -> str:
 
 
 def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
-    """Rename all files or none. Unless ``overwrite`` is set, existing files are never replaced."""
+    """Rename all files. Without ``overwrite``, existing files are never replaced: all files are renamed or none."""
     if overwrite:
         for part, path in written:
             _require_plain(path)

@@ -321,7 +321,7 @@ def _joints(motion: MotionFile) -> np.ndarray:
 
 
 def _distances(motion: MotionFile, at: np.ndarray) -> np.ndarray:
-    """Return the (N, N) mean square distances between the poses in N frames, in square metres."""
+    """Return the (N, N) mean square distances in m² between the poses and velocities in N frames."""
     joints = _joints(motion)
     across = np.sum([joints[:, left] - joints[:, right] for left, right in _FACING], axis=0)
     back = matrix_from_rotvec(-np.arctan2(across[:, 1], across[:, 0])[:, None] * [0.0, 0.0, 1.0])

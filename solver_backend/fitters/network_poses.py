@@ -257,8 +257,8 @@ def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray
     """Return the RMS distances (F,) of points from their viewing rays in metres per axis, NaN with too few points.
 
     The camera model is weak perspective: ``Σ w |x - s p_xy - t|²`` is minimised over a scale s and a shift t. x are the
-    keypoints, w their weights, and p the points. The distance is the RMS residual divided by s. ``points`` (F, L, 3)
-    belong to the take's ``frames`` (F,).
+    keypoints, w their weights, and p the points. The distance is the RMS residual divided by s, or infinite if s is not
+    positive. ``points`` (F, L, 3) belong to the take's ``frames`` (F,).
     """
     x, w = view.image[frames], np.where(np.isfinite(points).all(-1), view.weight[frames], 0.0)
     x, p = np.where(w[..., None] > 0, x, 0.0), np.where(w[..., None] > 0, points[..., :2], 0.0)

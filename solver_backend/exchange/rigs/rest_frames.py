@@ -47,7 +47,7 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
-    """Return a diagnostic if a rest pose is not a standing pose, for example if it is a clip's first frame.
+    """Return a diagnostic if a limb is bent in the rest pose, for example because it is a clip's first frame.
 
     Args:
         places: maps roles to (3,) head positions at rest.

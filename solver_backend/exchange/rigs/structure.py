@@ -300,7 +300,7 @@ def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:
 
 
 def _toe(skeleton: Skeleton, fit: LimbFit) -> int | None:
-    """Return the most likely toe bone, which is about a third of the shin's length away from the ankle."""
+    """Return the most likely toe bone, whose distance from the ankle is about a third of the shin, or None."""
     _, knee, ankle = fit.joints
     shin = skeleton.distance(knee, ankle)
     after = [bone for bone in skeleton.below(ankle)[1:] if 0.15 < skeleton.distance(bone, ankle) / shin < 0.9]

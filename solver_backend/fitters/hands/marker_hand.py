@@ -81,8 +81,8 @@ def calibrated_offsets(
 ) -> Float[np.ndarray, "markers 3"]:
     """Return marker offsets (L, 3) in metres: the weighted mean of observed and initial offsets.
 
-    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)``. m_f is the marker in frame f. G_f and p_f
-    are the rotation and origin of its hand segment. o⁰ is the initial offset (``place``). σ and σ⁰ are the standard
+    ``o = (n' / σ² mean_f(G_fᵀ (m_f - p_f)) + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)``. m_f is the marker in frame f. G_f and
+    p_f are the rotation and origin of its hand segment. o⁰ is the initial offset (``place``). σ and σ⁰ are the standard
     deviations of observed and initial offsets. n' is the number of frames with independent errors.
     """
     frames = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(int))

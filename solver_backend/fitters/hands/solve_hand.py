@@ -159,7 +159,7 @@ class HandProblem:
     def evaluate(
         self, states: np.ndarray, frames: np.ndarray, scale: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return costs (n,), gradients and Gauss-Newton matrices of the data in n frames."""
+        """Return costs (n,), gradients and Gauss-Newton matrices of data, joint limits and contacts in n frames."""
         points, jacobian = self._placed(states, frames)
         found = self.term.select(frames)(points, scale)
         flat = jacobian.reshape(len(states), -1, DOF)

@@ -131,7 +131,7 @@ SHORTEST = 3  # Fewest consecutive frames (one at the ends of a take). Shorter r
 def lost_landmarks(
     found: np.ndarray, points: np.ndarray, covariance: np.ndarray, bounds_m: tuple[float, float] = DETECTED_M
 ) -> np.ndarray:
-    """Return an (F, L) mask of landmarks far from their measured positions, for example on a limb in a wrong pose."""
+    """Return an (F, L) mask of landmarks that are far from their measured positions in several consecutive frames."""
     lost_m, beside_m = bounds_m
     variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
     squared = np.sum((found - points) ** 2, axis=-1)

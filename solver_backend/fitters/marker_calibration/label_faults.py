@@ -153,7 +153,7 @@ def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: t
 
 
 def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Merge warnings with the same code if they concern more than ``MOST_NAMED`` markers."""
+    """Merge warnings about ghost points or stationary markers if they concern more than ``MOST_NAMED`` markers."""
     items = list(found)
     for code in ("marker_ghost", "marker_still"):
         alike = [item for item in items if item.code == code]

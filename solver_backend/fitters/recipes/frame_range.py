@@ -141,7 +141,7 @@ def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
 
 
 def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange:
-    """Return the range with the user's contacts from earlier solves, followed by the contacts of the range itself."""
+    """Put the user's contacts from earlier solves before the range's own contacts, unless the range forgets them."""
     kept = list[UserContact]()
     for entry in () if frame_range.forgets else motion.provenance.get("resolved", ()):
         # Each solve recorded all contacts in its frames, including those from earlier solves.

@@ -149,8 +149,8 @@ class PersonFollower:
         """Update the body shape from one frame's landmarks, and return the step of the pose as a tangent.
 
         ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B`` is the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β``, where W is
-        the landmarks' information, and B and J their derivatives w.r.t. shape and pose (Triggs et al. 2000, section
-        6.1).
+        the landmarks' information, H the pose's Hessian, and B and J the landmarks' derivatives w.r.t. shape and pose
+        (Triggs et al. 2000, section 6.1).
         """
         assert posed.by_rotations is not None and posed.by_betas is not None
         found = term(posed.points, ROBUST_SCALE)

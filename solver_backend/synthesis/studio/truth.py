@@ -108,7 +108,7 @@ def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.nd
 
 
 def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 2) floor contacts. A foot stands if its lowest sole point is slow and near the floor."""
+    """Return (F, 2) floor contacts. A foot stands if any of its sole points is slow and near the floor."""
     names = JointSet.BODY_25.keypoints
     standing = []
     for side in ("left", "right"):
