@@ -117,7 +117,7 @@ def direction_seen_from(cameras: Cameras, orient: np.ndarray, pelvis: np.ndarray
 
 
 def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np.random.Generator) -> Cameras:
-    """Rotate each camera so that a point at ``centre`` appears shifted by ``error_mm`` per axis.
+    """Rotate each camera randomly. A point at ``centre`` appears shifted by about ``error_mm`` per axis.
 
     The common shift of all cameras is removed, because it would only move the world.
     """
