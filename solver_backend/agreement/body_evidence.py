@@ -40,7 +40,7 @@ ODD = 0.01  # Probability of a tilted camera, a joint on the wrong side of the b
 
 @dataclass(frozen=True)
 class BodyEvidence:
-    """Evidence of the triangulated person for one interpretation."""
+    """Log-likelihoods that the triangulated person is plausible, for one interpretation of the files."""
 
     terms: dict[str, float]  # Log-likelihoods in nats.
     height: float  # Height of the person in the calibration's unit, estimated from the bones.
@@ -53,7 +53,7 @@ class BodyEvidence:
         return sum(self.terms.values())
 
     def is_same(self, other: BodyEvidence) -> bool:
-        """Return whether two bodies are equal up to an unmirrored similarity (Umeyama 1991)."""
+        """Return whether rotation, translation and scaling map the other body to this one (Umeyama 1991)."""
         both = np.isfinite(self.points).all(-1) & np.isfinite(other.points).all(-1)
         if both.sum() < 8:
             return True
@@ -66,14 +66,15 @@ class BodyEvidence:
 
 
 def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = None) -> BodyEvidence:
-    """Return the evidence of the triangulated person for one interpretation.
+    """Triangulate the person under one interpretation of the files, and rate how plausible the result is.
 
-    Its terms are ``bones`` (rigid over time), ``proportions`` (plausible), ``upright`` (trunks in the images),
-    ``handed`` (toes, knees and faces point forward), ``in front`` (of the cameras) and ``inside`` (the images).
+    The terms are ``bones`` (constant lengths), ``proportions`` (human proportions), ``upright`` (upright trunks in the
+    images), ``handed`` (toes, knees and faces point forward), ``in front`` (points are in front of the cameras) and
+    ``inside`` (keypoints are inside the images).
 
     Args:
-        effect: number of bone lengths per independent length, estimated if not given. Compared interpretations need the
-            same value, because smaller errors are correlated more strongly within a pose.
+        effect: number of bone lengths per independent length, because errors within a pose are correlated. If None, it
+            is estimated. Interpretations that you compare need the same value.
     """
     points, behind = triangulate_rays(evidence, reading)
     views = [evidence.points(evidence.key(reading, view)[0]) for view in range(evidence.views)]
@@ -101,7 +102,7 @@ def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = 
 
 
 def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, list[tuple[int, int]]]:
-    """Return (P,) lengths of the known bones, their usual lengths, and the pairs of left and right bones."""
+    """Return the (P,) length of each known bone, the usual lengths, and index pairs of left and right bones."""
     lengths, usual, sides = list[np.ndarray](), list[float](), list[tuple[int, int]]()
     for upper, lower, length in BONES:
         ends = [(f"{side}_{upper}", f"{side}_{lower}") for side in ("left", "right")]
@@ -114,7 +115,7 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
 
 
 def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
-    """Return the log-likelihood of log lengths (bones, P), 0 for one pose, and lengths per independent length."""
+    """Return the log-likelihood that bones (bones, P) have constant lengths, and lengths per independent length."""
     counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
     noise = fit_noise(counts, MOVED)
     z = evidence.per_pose(np.nan_to_num(np.clip(off / noise.sigma[0], -3, 3)), 1)
@@ -129,7 +130,7 @@ def _heavy(off: np.ndarray) -> float:
 
 
 def _upright(names: Sequence[str], views: Sequence[ViewRays]) -> float:
-    """Return the log-likelihood of trunk directions, once per take because cameras are fixed."""
+    """Return the log-likelihood that trunks are upright in the images. A take counts once, as cameras are fixed."""
     trunk = [(f"{side}_shoulder", f"{side}_hip") for side in ("left", "right")]
     if not {name for pair in trunk for name in pair} <= {*names}:
         return 0.0
@@ -143,10 +144,10 @@ def _upright(names: Sequence[str], views: Sequence[ViewRays]) -> float:
 
 
 def _handed(place: dict[str, np.ndarray]) -> float:
-    """Return the log-likelihood that toes, knees and faces point forward, each once per take.
+    """Return the log-likelihood that toes, knees and faces point forward. Each of them counts once per take.
 
-    With left ``l`` and up ``u`` of the trunk, ``n = l x u`` points forward, but backward in a mirror image. Directions
-    at an angle a to it have odds of ``exp(2 k cos a)`` for forward (von Mises).
+    The left direction ``l`` and the up direction ``u`` of the trunk give ``n = l x u``. It points forward, or backward
+    in a mirror image. A toe, knee or face at an angle a to n has odds of ``exp(2 k cos a)`` for forward (von Mises).
     """
     trunk = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
     if any(name not in place for name in trunk):
@@ -173,9 +174,10 @@ def _handed(place: dict[str, np.ndarray]) -> float:
 
 
 def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarray, float]:
-    """Triangulate (P, J, 3) points, NaN below two views, and the share of points behind cameras.
+    """Triangulate (P, J, 3) points, and return the share of the points that are behind cameras.
 
-    Linear triangulation with two rounds of robust weights (Hartley and Zisserman 2004, sec. 12.2).
+    Points in fewer than two views are NaN. The method is linear triangulation with two rounds of robust weights
+    (Hartley and Zisserman 2004, sec. 12.2).
     """
     keys = [evidence.key(reading, view) for view in range(evidence.views)]
     views = [evidence.points(points) for points, _ in keys]
@@ -203,7 +205,7 @@ def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarr
 
 
 def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (P, J, 3) points nearest to their rays, and their coordinates in each camera."""
+    """Return the (P, J, 3) points nearest to their rays, and these points in the coordinates of each camera."""
     weighted = rows * weight[..., None, None] ** 2
     normal = np.einsum("vpjac,vpjad->pjcd", rows[..., :3], weighted)
     normal[..., :3] += 1e-9 * np.eye(3)  # unseen points
@@ -212,7 +214,7 @@ def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) 
 
 
 def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: bool = False) -> Pose | None:
-    """Fit the pose of a view to the others' points, or return None if it already fits."""
+    """Fit a view's pose to the points of the other views. Return None if it already fits, or with too few points."""
     points, _ = triangulate_rays(evidence, replace(reading, left_out=(*reading.left_out, view)))
     points_key, pose_key = evidence.key(reading, view)
     seen = evidence.points(points_key)
@@ -241,7 +243,7 @@ def _distances(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, si
 
 
 def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotate a camera about its centre towards the triangulated points (Kabsch 1976)."""
+    """Rotate a camera about its centre so that its rays point at the triangulated points (Kabsch 1976)."""
     place = -R.T @ t
     ways = X - place
     ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-12)

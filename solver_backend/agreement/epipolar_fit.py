@@ -40,7 +40,7 @@ _STEP = np.sqrt(np.finfo(float).eps)  # Step of numerical derivatives, for half 
 
 @dataclass(frozen=True)
 class EpipolarFit:
-    """Best focal lengths and rotations of C cameras."""
+    """Focal length factor and rotations of C cameras that minimise the epipolar distances."""
 
     log: float  # Logarithm of the factor missing in the focal lengths.
     sigma: float  # Its standard deviation.
@@ -48,7 +48,7 @@ class EpipolarFit:
 
     @property
     def is_sure(self) -> bool:
-        """True if the factor is significant, and the rotations are plausible for calibrated cameras."""
+        """True if the focal length factor is significant, and no rotation exceeds usual calibration errors."""
         is_calibrated = np.abs(self.turns).max() < 3 * USUAL_SIGMA_SHARE
         return bool(is_calibrated and abs(self.log) >= max(MOVED, INLIER_SIGMAS * self.sigma))
 
@@ -62,7 +62,7 @@ class ComparedViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> ComparedViews | None:
-        """Return up to ``EACH`` views in ``POSES`` frames, or None if there are too few."""
+        """Select up to ``EACH`` views and ``POSES`` frames. Return None without frames or with too few cameras."""
         if len(cameras) < LEAST_CAMERAS or not keypoints.num_frames:
             return None
         chosen, frames = sample(len(cameras), EACH), sample(keypoints.num_frames, POSES)
@@ -71,7 +71,7 @@ class ComparedViews:
         return cls(cameras.subset(chosen.tolist()), xy)
 
     def fit(self) -> EpipolarFit | None:
-        """Fit the views. Return None if too little is visible or the fit does not converge."""
+        """Fit the focal length factor and the rotations. Return None if no views compare or the fit diverges."""
         precision = np.r_[SPREAD, np.full(3 * len(self.cameras), USUAL_SIGMA_SHARE)] ** -2.0
         x, share = np.zeros(len(precision)), min(1.0, BLOCKS / self.xy.shape[1])  # successive frames have equal errors
         for _ in range(MOST_ROUNDS):
@@ -98,10 +98,13 @@ class ComparedViews:
         return None
 
     def distances(self, x: np.ndarray) -> Iterator[tuple[list[int], np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield columns of ``x``, epipolar distances in person sizes, derivatives (N, 7) and keypoints of view pairs.
+        """Yield the epipolar distances of each pair of views, with derivatives.
+
+        An item has the 7 columns of ``x`` that affect the pair, the (N,) distances in person sizes, their derivatives
+        (N, 7) and their (N,) keypoints.
 
         Args:
-            x: (1 + 3 C,) logarithm of the focal lengths' factor, then rotations of the cameras in radians.
+            x: (1 + 3 C,) logarithm of the common focal length factor, then the rotations of the C cameras in radians.
         """
         rays, longer = (self._rays(log) for log in (x[0], x[0] + _STEP))
         turns, steps = x[1:].reshape(-1, 3), _STEP * np.eye(3)
@@ -120,14 +123,14 @@ class ComparedViews:
 
     @cached_property
     def _off_epipoles(self) -> np.ndarray:
-        """(C, C, F, J) mask of points between two views that do not face each other, so that the lines are definite."""
+        """(C, C, F, J) mask of keypoints of two views that are not near an epipole, where lines are undefined."""
         ways = unit(np.stack([rays for rays, _ in self._rays(0.0)]) @ self.cameras.R[:, None])
         base = unit(self.cameras.centres[:, None] - self.cameras.centres)
         along = np.square(np.einsum("cfjd,ced->cefj", ways, base))
         return np.fmax(along, np.swapaxes(along, 0, 1)) < 1 - SMALLEST_ANGLE_SIN2
 
     def _rays(self, log: float) -> list[tuple[np.ndarray, float]]:
-        """Return each view's rays (F, J, 3) and the person's size, with log focal lengths increased by ``log``."""
+        """Return each view's rays (F, J, 3) and person size, with focal lengths multiplied by ``exp(log)``."""
         K = self.cameras.K.copy()
         K[:, :2, :2] *= np.exp(log)
         n = undistort(replace(self.cameras, K=K), self.xy)
@@ -140,7 +143,7 @@ class ComparedViews:
 
 
 def report_lenses(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic, ...]:
-    """Report focal lengths that are all too long or too short. The cameras may have any unit."""
+    """Report focal lengths that are all too long or all too short. The calibration may have any length unit."""
     views = ComparedViews.of(cameras, keypoints)
     fit = None if views is None else views.fit()
     if views is None or fit is None or not fit.is_sure:

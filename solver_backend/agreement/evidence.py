@@ -38,7 +38,7 @@ BINS = len(CENTRES)
 
 @dataclass(frozen=True)
 class Noise:
-    """Normal errors with uniform outliers, fitted to N sets of distances."""
+    """Noise of N sets of distances. Each set has a normal distribution with uniform outliers."""
 
     density: np.ndarray  # (N,) mean log density of a distance, nats.
     sigma: np.ndarray  # (N,) standard deviation.
@@ -46,12 +46,12 @@ class Noise:
 
     @property
     def is_related(self) -> np.ndarray:
-        """(N,) mask of sets from views that show one body."""
+        """(N,) mask of sets with so little noise that the views show one body."""
         return (self.sigma < UNRELATED_NOISE) & (self.outliers < UNRELATED_OUTLIERS)
 
     @property
     def share(self) -> np.ndarray:
-        """(N,) shares of distances that are no outliers, 0 for unrelated views."""
+        """(N,) shares of distances that are not outliers, 0 for unrelated views."""
         return np.where(self.sigma < UNRELATED_NOISE, 1.0 - self.outliers, 0.0)
 
 
@@ -61,7 +61,7 @@ def _normal(distance: np.ndarray, sigma: np.ndarray | float, outliers: np.ndarra
 
 
 def log_density(distance: np.ndarray, sigma: np.ndarray | float, outliers: np.ndarray | float) -> np.ndarray:
-    """Return the log density of distances under normal errors with uniform outliers."""
+    """Return the log density of distances that are normally distributed, with uniform outliers."""
     return np.log(_normal(distance, sigma, outliers) + outliers * OUTLIER_DENSITY)
 
 
@@ -74,7 +74,7 @@ UNRELATED = _mean_log_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)  # Mean log d
 
 
 def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return (N, BINS) weights per bin of N sets of distances (N, ...), ignoring NaN."""
+    """Return the weighted histograms (N, BINS) of N sets of distances (N, ...). NaN is ignored."""
     with np.errstate(divide="ignore", invalid="ignore"):
         place = np.log(np.abs(distance) / CENTRES[0]) / np.log(CENTRES[1] / CENTRES[0])
     known = np.isfinite(distance)
@@ -86,9 +86,9 @@ def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE) -> Noise:
-    """Fit the noise of N sets of distances, given by (N, BINS) weights.
+    """Fit the noise of N sets of distances to their weighted histograms (N, BINS).
 
-    Expectation maximisation (Dempster, Laird and Rubin 1977).
+    The method is expectation maximisation (Dempster, Laird and Rubin 1977).
     """
     total = np.maximum(counts.sum(1), 1e-9)
     middle = (np.cumsum(counts, axis=1) < 0.5 * total[:, None]).sum(1)
@@ -128,7 +128,7 @@ ViewKey = tuple[PointsKey, PoseKey]
 
 @dataclass(frozen=True)
 class ViewRays:
-    """Rays of a view in one interpretation."""
+    """Rays of a view in P frames, for J keypoints and one interpretation of the files."""
 
     rays: np.ndarray  # (P, J, 3) undistorted points (x, y, 1), NaN where unseen.
     size: float  # Size of the person on the unit plane.
@@ -136,10 +136,10 @@ class ViewRays:
 
 
 class TakeEvidence:
-    """Distances between the views for any interpretation, with cached statistics of pairs."""
+    """Epipolar distances between views, for any interpretation of a take's files. View pairs are cached."""
 
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
-        """Choose the frames to compare. The largest person of each image in C views is used."""
+        """Choose the frames of C views to compare. Only the largest person in each image is compared."""
         self.cameras, self.joint_set = cameras, detections.joint_set
         names = detections.joint_set.keypoints
         wanted = {"nose", *(f"{side}_{part}" for part in _BODY[1:] for side in ("left", "right"))}
@@ -164,11 +164,11 @@ class TakeEvidence:
 
     @cached_property
     def weight(self) -> np.ndarray:
-        """(P,) weight of each frame, such that each pose counts once."""
+        """(P,) weight of each frame. The weights of all frames with the same pose add up to 1."""
         return 1.0 / np.bincount(self.pose, minlength=1)[self.pose]
 
     def quick(self, poses: int = POSES) -> TakeEvidence:
-        """Return the evidence with one frame per pose and at most this number of poses."""
+        """Return smaller evidence, with one frame for each of at most ``poses`` poses."""
         few = copy(self)
         few.__dict__.pop("weight", None)
         first = np.unique(self.pose, return_index=True)[1]
@@ -232,13 +232,13 @@ class TakeEvidence:
         return self._corrections[key]
 
     def key(self, reading: Reading, view: int) -> ViewKey:
-        """Return the cache key of a view's evidence."""
+        """Return the keys of the cached rays of a view and of its camera's cached pose."""
         owner = reading.owners[view]
         points = (view, owner, reading.pictures[view], reading.sides[view], reading.late[view])
         return points, (owner, reading.pose, reading.graphics, reading.moved[view])
 
     def counts(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return (N, BINS) weights per bin of distances for N interpretations."""
+        """Return the weighted histograms (N, BINS) of all epipolar distances for N interpretations."""
         total, keys = np.zeros((len(readings), BINS)), self._keys(readings)
         for i, j in self.pairs:
             kept = [not {i, j} & {*reading.left_out} for reading in readings]
@@ -246,11 +246,10 @@ class TakeEvidence:
         return total
 
     def pair_counts(self, readings: Sequence[Reading], i: int, j: int) -> np.ndarray:
-        """Return (N, BINS) weights per bin of the distances between two views."""
+        """Return weighted histograms (N, BINS) of distances between two views for N interpretations."""
         return self._count([(row[i], row[j]) for row in self._keys(readings)])
 
     def _keys(self, readings: Sequence[Reading]) -> list[list[ViewKey]]:
-        """Return the cache keys of all views for each interpretation, and compute their rays."""
         keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
         self._prepare(key[0] for row in keys for key in row)
         return keys
@@ -266,7 +265,7 @@ class TakeEvidence:
         return np.array([self._counts[pair] for pair in pairs]).reshape(-1, BINS)
 
     def _distances(self, poses: tuple[PoseKey, PoseKey], pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
-        """Return (S, P, J) signed epipolar distances in person sizes, NaN if not visible in both views."""
+        """Return signed epipolar distances (S, P, J) of S pairs in person sizes, NaN for unseen keypoints."""
         views = [[self.points(key[0]) for key in side] for side in zip(*pairs, strict=True)]
         rays = [(np.stack([v.rays for v in side]), np.array([v.size for v in side])[:, None, None]) for side in views]
         return epipolar_distances(self.pose_of(poses[0]), self.pose_of(poses[1]), *rays[0], *rays[1])
@@ -285,13 +284,13 @@ class TakeEvidence:
         return found
 
     def noise(self, readings: Sequence[Reading]) -> Noise:
-        """Return the noise of each interpretation."""
+        """Fit the noise of the epipolar distances for each interpretation."""
         return fit_noise(self.counts(readings))
 
     def likelihoods(self, readings: Sequence[Reading]) -> tuple[np.ndarray, Noise]:
         """Return (N,) mean log-likelihood ratios relative to unrelated views, and the noise.
 
-        Distances of excluded views count as distances between unrelated views, with a ratio of 0.
+        Distances to excluded views have a ratio of 0, like distances between unrelated views.
         """
         counts = self.counts(readings)
         noise = fit_noise(counts)
@@ -299,7 +298,7 @@ class TakeEvidence:
         return (noise.density - UNRELATED) * weight / max(float(weight.max(initial=0.0)), 1e-9), noise
 
     def comparisons(self) -> float:
-        """Return the number of constraints between the views if all errors were independent."""
+        """Return how many constraints the views would give if all errors were independent."""
         (distance,) = self.distances([Reading.as_written(self.views)])
         share = min(1.0, (2 * self.views - 3) / max(len(self.pairs), 1))
         return float((np.isfinite(distance) * self.weight[:, None]).sum()) * share
@@ -307,7 +306,8 @@ class TakeEvidence:
     def constraints(self, reading: Reading) -> float:
         """Return the number of independent constraints between the views.
 
-        Errors common to a pose, and constant offsets of a joint, count as one observation each (Kish 1965).
+        An error that all keypoints of a pose have in common counts once. A constant offset of a keypoint counts once
+        too (Kish 1965).
         """
         (distance,) = self.distances([reading])
         sigma = float(self.noise([reading]).sigma[0])
@@ -322,7 +322,7 @@ class TakeEvidence:
         return [pair for pair, known in zip(self.pairs, seen, strict=True) if known], fit_noise(counts[seen])
 
     def fits_of(self, reading: Reading, views: Collection[int]) -> Noise:
-        """Return the noise of pairs with one of ``views``, and of the other pairs."""
+        """Fit the noise of the pairs that include one of ``views``, and the noise of all other pairs."""
         pairs = [pair for pair in self.pairs if not {*pair} & {*reading.left_out}]
         counts, own = np.zeros((2, BINS)), {*views}
         for i, j in pairs:
@@ -330,7 +330,7 @@ class TakeEvidence:
         return fit_noise(counts)
 
     def per_pose(self, values: np.ndarray, axis: int) -> np.ndarray:
-        """Return means over the frames of each pose, along an axis."""
+        """Average values over the frames of each pose. The frames are along ``axis``."""
         member = (np.arange(self.poses)[:, None] == self.pose) * self.weight
         return np.moveaxis(np.tensordot(member, values, (1, axis)), 0, axis)
 
@@ -339,10 +339,11 @@ def epipolar_distances(
     pose_a: tuple[np.ndarray, np.ndarray], pose_b: tuple[np.ndarray, np.ndarray],
     rays_a: np.ndarray, size_a: np.ndarray | float, rays_b: np.ndarray, size_b: np.ndarray | float,
 ) -> np.ndarray:  # fmt: skip
-    """Return (...) signed epipolar distances between points in person sizes, NaN where unseen.
+    """Return the signed epipolar distances (...) between points of two views, in person sizes.
 
-    ``r = x_b' E x_a / |(s_b (E x_a)_12, s_a (E' x_b)_12)|`` with the person's size s on the unit plane. This is the
-    Sampson distance for noise proportional to the person's size (Hartley and Zisserman 2004, eq. 11.9).
+    ``r = x_b' E x_a / |(s_b (E x_a)_12, s_a (E' x_b)_12)|`` for rays x, the essential matrix E, and the person's sizes
+    s on the unit plane. This is the Sampson distance for noise proportional to the person's size (Hartley and Zisserman
+    2004, eq. 11.9). It is NaN if a view does not show the point.
 
     Args:
         pose_a: rotation (3, 3) and translation (3,) of the first camera. ``pose_b`` is the second camera's.
@@ -362,7 +363,7 @@ def epipolar_distances(
 
 
 def agreement_share(cameras: Cameras, detections: Detections) -> float:
-    """Return the share of keypoints that are inliers, 0 if nothing can be compared."""
+    """Return the share of keypoints that agree between the views, 0 if nothing can be compared."""
     evidence = TakeEvidence(cameras, detections)
     if not evidence.poses or evidence.views < 2:
         return 0.0
@@ -382,9 +383,10 @@ def person_size(xy: np.ndarray) -> np.ndarray:
 
 
 def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return up to ``FRAMES`` frames of keypoints (C, F, J, 2), and the number of the pose in each.
+    """Choose up to ``FRAMES`` frames of keypoints (C, F, J, 2), and return the pose number of each.
 
-    The distance between two poses is a median over keypoints and views, so that errors of one view have no effect.
+    Similar frames have the same pose number. The distance between two poses is a median over keypoints and views, so
+    that errors of one view have no effect.
     """
     seen = (np.isfinite(xy[..., 0]).sum(-1) >= MIN_POINTS).sum(0)
     frames = np.flatnonzero(seen >= 2)
@@ -405,7 +407,7 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
 
 
 def _pose_distances(points: np.ndarray) -> np.ndarray:
-    """Return (P, P) distances between poses in person sizes, 9 without a common view."""
+    """Return the distances (P, P) between poses in person sizes. Poses without a common view have 9."""
     views = []
     for view in points:
         gap = np.linalg.norm(view[:, None] - view[None], axis=-1)

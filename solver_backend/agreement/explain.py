@@ -54,7 +54,7 @@ _PHRASES = {
 
 @dataclass(frozen=True)
 class Applied:
-    """Hypothesis that explains the capture."""
+    """Hypothesis about a fault of the files, which the chosen interpretation corrects."""
 
     code: str  # Code of its diagnostic.
     views: tuple[int, ...]  # Views with the fault.
@@ -81,7 +81,7 @@ class Scored:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Interpretation of a capture, and the reasons for it."""
+    """Chosen interpretation of a capture's files, and the evidence for it."""
 
     reading: Reading  # Interpretation to solve. It is the literal one if none wins.
     applied: tuple[Applied, ...]  # Hypotheses that explain the capture.
@@ -101,9 +101,10 @@ class Explanation:
 def explain(
     cameras: Cameras, detections: Detections, *, names_stated: bool = False, rows: Sequence[Row] = ROWS
 ) -> Explanation:
-    """Search the interpretation of C views, and keep the literal one unless another is certain.
+    """Find the best interpretation of the files of C views. Keep the literal one unless another is certain.
 
-    Swapped names are not tried if the user states them. Conventions of all files are tried only with ``ROWS``.
+    ``rows`` are the hypotheses to try. Swapped names are not tried if the user states the names. Conventions that all
+    files share are tried only with ``ROWS``.
     """
     evidence = TakeEvidence(cameras, detections)
     written = Reading.as_written(evidence.views)
@@ -145,7 +146,7 @@ class _Search:
         return [candidate for key in asked for candidate in self._proposed[key]]
 
     def search(self) -> list[Reading]:
-        """Return interpretations by likelihood: changes to all cameras, then to single ones."""
+        """Return interpretations, the most likely first. Change all cameras first, and then single cameras."""
         self.quick.suspects = self.scout.suspects = self._suspects()
         everybody = len(self.quick.suspects) == self.quick.views
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
@@ -174,7 +175,7 @@ class _Search:
         return self._rank(found)
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
-        """Return interpretations with another image crop, if one fits better than the best."""
+        """Return interpretations with another image crop, if such a crop fits better than ``best``."""
         everybody = len(self.quick.suspects) == self.quick.views
         starts = dict.fromkeys([best, self.written]) if everybody else ()
         free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
@@ -184,7 +185,7 @@ class _Search:
         return self._rank(shown, self.scout)[:BEAM]
 
     def score(self, readings: Sequence[Reading]) -> list[Scored]:
-        """Return the interpretations with their likelihoods."""
+        """Compute the likelihood, the cost and the body evidence of each interpretation."""
         ratios, noise = self.evidence.likelihoods([*readings, self.written])
         if self.effect is None:
             self.effect = judge_body(self.quick, [*readings, self.written][int(ratios.argmax())]).effect
@@ -195,7 +196,7 @@ class _Search:
         ]
 
     def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:
-        """Return whether the other views agree as the files state, with an upright body."""
+        """Return whether all views except ``left_out`` agree without corrections, with an upright body."""
         pairs, noise = self.quick.pair_noise(self.written)
         kept = np.array([not set(pair) & set(left_out) for pair in pairs])
         if not kept.any():
@@ -207,9 +208,10 @@ class _Search:
         return terms["upright"] > -BOUND and terms["handed"] > -BOUND
 
     def _suspects(self) -> tuple[int, ...]:
-        """Return the views that a majority of at least three agreeing views contradicts, or all views.
+        """Return the views that may have a fault.
 
-        In the first case the other files have no fault, and no convention common to all files explains these views.
+        If a majority of at least three views agrees without corrections, only the other views are suspects. No
+        convention common to all files is wrong then. Otherwise all views are suspects.
         """
         views = self.quick.views
         for count in range(1, min(MOST_FAULTS, (views - 1) // 2, views - LEAST_CAMERAS) + 1):
@@ -222,7 +224,7 @@ class _Search:
         return bool(noise.is_related.all())
 
     def _fits(self, reading: Reading) -> bool:
-        """Return whether views with fitted parameters agree as well as the others. Views of another take agree less."""
+        """Return whether views with a fitted pose or image crop agree as well as the other views do."""
         common, _ = reading.common()
         views = [v for v, p in enumerate(reading.pictures) if reading.moved[v] or p.window != common.window]
         if not views:
@@ -231,10 +233,10 @@ class _Search:
         return bool(own > rest - AS_EXACT)
 
     def _is_near(self, best: Scored, other: Scored) -> bool:
-        """Return whether an interpretation explains as much as the best one.
+        """Return whether an interpretation explains the capture nearly as well as the best one.
 
-        The difference may be small, or both give one body with similar noise. Fitted parameters absorb
-        calibration errors, so an interpretation without them only needs agreeing views.
+        The likelihoods may be similar, or both interpretations may give the same body with similar noise. If only the
+        best one has fitted parameters, which absorb calibration errors, the other one only needs views that agree.
         """
         alike = other.sigma <= AS_NOISY * best.sigma and 2 * (other.outliers - best.outliers) <= UNRELATED_OUTLIERS
         alike = alike and len(other.reading.left_out) <= len(best.reading.left_out)
@@ -243,7 +245,7 @@ class _Search:
         return best.total - other.total < BOUND or (alike and best.body.is_same(other.body))
 
     def decide(self) -> Explanation:
-        """Return the winning interpretation, or the literal one if none wins."""
+        """Return the winning interpretation, or the literal one if no other is certain."""
         ranked = self.search()
         likely = list(dict.fromkeys([*ranked[: 2 * BEAM], self.written]))
         likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
@@ -287,10 +289,11 @@ def _exchange_sides(reading: Reading) -> Reading:
 
 
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
-    """Assign a calibrated camera to each recorded one by the agreement of views, or return None.
+    """Find the calibrated camera of each recorded camera, by comparing the views.
 
-    Rings of equal cameras look the same after a rotation. Then only ``by_order`` can resolve the assignment, which
-    numbered names give (``counted_order``).
+    Return None if no assignment, or more than one, fits. A ring of equal cameras looks the same after a rotation. If
+    several assignments fit, ``by_order`` is used if it is one of them. It follows the numbers in the names
+    (``counted_order``).
     """
     count, total = len(detections.cameras), len(calibrated)
     if not LEAST_CAMERAS <= count <= total or perm(total, count) > perm(EACH, EACH):

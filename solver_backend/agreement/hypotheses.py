@@ -23,10 +23,10 @@ SPREAD = 0.3  # Prior deviation of the logarithms of sizes and widths, and of ed
 
 
 def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[str, ...], views: tuple[int, ...] = ()) -> Reading:
-    """Return the interpretation with the size, width and edges of the images that fit the views best.
+    """Fit the image size or crop of an interpretation so that the views agree best.
 
-    Gauss-Newton steps with Geman-McClure weights (1987) minimise the distances from epipolar lines. The parameters
-    ``free`` are one of ``FREE``. All ``views`` change equally, by default all.
+    Gauss-Newton steps with Geman-McClure weights (1987) minimise the epipolar distances. ``free`` names the fitted
+    parameters. All ``views`` get the same values. If ``views`` is empty, all views do.
     """
     views = views or tuple(range(evidence.views))
     x, changes = np.zeros(len(_PARTS)), np.array([[part == own for part in _PARTS] for own in free]) * 1.0
@@ -75,7 +75,7 @@ Row = Callable[[TakeEvidence, Reading], Iterator[Reading]]
 
 
 def conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that all files share one convention of poses, axes and images."""
+    """Propose conventions of poses, camera axes and images that all files share."""
     mirrors = [(turn, mirrored) for turn, mirrored in product(TURNS, (False, True)) if not (mirrored and turn == 3)]
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
         pictures = (PictureReading(size, turn, mirrored),) * evidence.views
@@ -98,7 +98,7 @@ def _flipped(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose swapped names of any two suspects, and a shift of all names around the ring."""
+    """Propose that two suspect cameras have swapped names, or that all names are shifted around the ring."""
     for shift in range(evidence.views):  # also without suspects: most views of a ring agree then
         yield replace(reading, owners=tuple(np.roll(reading.owners, -shift).tolist()))
     for a, b in combinations(evidence.suspects, 2):
@@ -106,7 +106,7 @@ def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading
 
 
 def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that all recorded images are another crop of the calibrated ones, or are squeezed."""
+    """Propose that all recorded images are squeezed, or show another crop than the calibrated images."""
     common, _ = reading.common()
     sized = [replace(reading, pictures=(replace(common, size=size),) * evidence.views) for size in FACTORS]
     for start in dict.fromkeys([reading, sized[int(evidence.likelihoods(sized)[0].argmax())]]):
@@ -114,7 +114,7 @@ def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose squeezed images of the camera without which the others agree best."""
+    """Propose that the images are squeezed in the one camera without which the other views agree best."""
     without = [replace(reading, left_out=(view,)) for view in evidence.suspects]
     view = evidence.suspects[int(evidence.noise(without).density.argmax())]
     yield from (fit_window(evidence, reading, free, (view,)) for free in FREE_OF_ONE)
@@ -130,7 +130,7 @@ def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) ->
 
 
 def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that one camera is late or early by whole frames, first in steps of ``STRIDE``."""
+    """Propose delays of one camera in whole frames, near the best delay of a search in steps of ``STRIDE``."""
     reach = min(LONGEST_DELAY, evidence.num_frames // 5)
     for view in evidence.suspects[evidence.views == 2 :]:
         tried = [reading.with_view(view, late=lag) for lag in range(-reach, reach + 1, STRIDE)]
@@ -154,9 +154,10 @@ RANGE_ROWS: tuple[Row, ...] = (_flipped, exchange_names, partial(_moved, turned=
 
 
 def cost_of(reading: Reading, constraints: float) -> float:
-    """Return an interpretation's cost: log(alternatives) per change, log(n) / 2 per parameter, and the prior of a crop.
+    """Return the cost of an interpretation's changes and fitted parameters, in nats.
 
-    The capture has n independent constraints. Reference: Schwarz 1978.
+    A change costs log(alternatives). A fitted parameter costs log(n) / 2 for n independent constraints (Schwarz 1978).
+    An image crop also has a prior.
     """
     views = len(reading.pictures)
     common, sides = reading.common()
@@ -196,12 +197,12 @@ SIDES_EXCHANGED = "left and right are swapped in the keypoint names"
 
 
 def exchanged_pair(name: str, owner: str) -> str:
-    """Describe a view that a camera with another name recorded."""
+    """Describe for users that a recorded camera has another name in the calibration."""
     return f"{name} is the calibration's {owner}"
 
 
 def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Reading]]:
-    """Return the changes as (code, views, text for users, interpretation without this change)."""
+    """List the changes as (code, views, text for users, interpretation without this change)."""
     views = len(reading.pictures)
     everyone, changes = tuple(range(views)), list[tuple[str, tuple[int, ...], str, Reading]]()
     written = Reading.as_written(views)

@@ -40,7 +40,7 @@ counts as an alternative. Frames match except for the outliers.
 
 
 def offset_profile(tables: Tables, camera: int, others: dict[int, int]) -> np.ndarray:
-    """Return the (4 R + 1,) gains of a camera at offsets from -2 R to 2 R."""
+    """Return the total gains of a camera at offsets from -2 R to 2 R, given the offsets of other cameras."""
     reach = len(next(iter(tables.values()))) // 2
     total = np.zeros(4 * reach + 1)
     for other, offset in others.items():
@@ -52,10 +52,10 @@ def offset_profile(tables: Tables, camera: int, others: dict[int, int]) -> np.nd
 
 
 def best_offsets(tables: Tables, count: int) -> np.ndarray:
-    """Return the (C,) offsets relative to the first camera with the largest sum of gains.
+    """Return the (C,) offsets relative to the first camera that have the largest sum of gains.
 
-    The search starts from the best pair and adds cameras. Coordinate descent over the cameras improves the result
-    (Besag 1986). Among equal offsets the one nearest to zero wins.
+    The search starts from the best pair and adds cameras. Then each camera's offset is improved in turn (Besag 1986).
+    If several offsets have the same gain, the one nearest to zero wins.
     """
 
     def best(gains: np.ndarray) -> int:
@@ -81,7 +81,7 @@ def best_offsets(tables: Tables, count: int) -> np.ndarray:
 
 
 def rival_offsets(tables: Tables, best: np.ndarray, sure: np.ndarray, near: int) -> dict[int, tuple[int, int]]:
-    """Return the two best offsets of each camera that has a distant alternative.
+    """Return the two best offsets of each camera that has an alternative farther than ``near`` from the best.
 
     Cameras are shifted singly and in pairs, because two opposite cameras may agree with the others at several offsets.
     """
@@ -111,7 +111,7 @@ class _ViewPeople:
 
     @classmethod
     def of(cls, xy: np.ndarray) -> _ViewPeople:
-        """Return the largest people of (F, P, J, 2) normalised points, NaN where missing."""
+        """Select the largest people in each frame of (F, P, J, 2) normalised points, NaN where missing."""
         known = np.isfinite(xy[..., 0]) & (np.isfinite(xy[..., 0]).sum(-1) >= MIN_POINTS)[..., None]
         size = extent(np.where(known[..., None], xy, np.nan))
         largest = np.argsort(-np.nan_to_num(size), axis=1, kind="stable")[:, :EACH]
@@ -133,11 +133,12 @@ class _ViewPeople:
 
 
 def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _ViewPeople, scale: float) -> np.ndarray:
-    """Return (N, G) distances from 0 to 1 between people in two views, or NaN.
+    """Return distances (N, G) from 0 to 1 between the people in N frames of a view and G frames of another.
 
-    With lines ``l = E x_a / |(E x_a)_12|`` the squared distance ``(x_b' l)^2`` is a product of the six numbers of ``l
-    l'`` and of ``x_b x_b'``. Its sum over the keypoints for all pairs of frames is one matrix product (Hartley and
-    Zisserman 2004, sec. 9.6 and 11.4). Only the best person of the second view counts.
+    With the epipolar line ``l = E x_a / |(E x_a)_12|``, the squared distance ``(x_b' l)^2`` is the dot product of six
+    numbers of ``l l'`` and of ``x_b x_b'``. One matrix product sums it over the keypoints for all pairs of frames
+    (Hartley and Zisserman 2004, sec. 9.6 and 11.4). Each person is compared with the nearest one in the second view.
+    The distance is NaN if no people can be compared.
     """
     i, j = pair
     R = cameras.R[j] @ cameras.R[i].T
@@ -167,7 +168,7 @@ def _lines(points: np.ndarray, E: np.ndarray) -> np.ndarray:
 
 
 def _squares(vectors: np.ndarray) -> np.ndarray:
-    """Return (F, P, J, 6) entries of ``v v'``. The dot product of two such rows is ``(v' w)^2``."""
+    """Return the (F, P, J, 6) entries of ``v v'``, such that ``(v' w)^2`` is the dot product of two rows."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     root = np.sqrt(2.0)
     return np.stack([x * x, y * y, z * z, root * x * y, root * x * z, root * y * z], axis=-1)
@@ -175,17 +176,17 @@ def _squares(vectors: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PeopleLags:
-    """Evidence of people for the lags of C views at offsets from -R to R, in matching frames.
+    """Number of frames in which people match, for each pair of C views at offsets from -R to R.
 
-    A frame's gain is the decrease of its distance at an offset relative to the median over the other view's frames. A
-    view without motion has no gain.
+    A frame's gain is its median distance over the other view's frames, minus its distance at the offset. A view without
+    motion has no gain.
     """
 
     gains: Tables
     possible: Tables  # Largest possible gains.
 
     def of_cameras(self, offsets: np.ndarray, among: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return (C,) gains of each camera with all others or ``among``, and the largest gains."""
+        """Return each camera's gain (C,) over all pairs, or pairs in the mask ``among``, and its largest gain."""
         found = np.zeros((2, len(offsets)))
         for (i, j), gains in self.gains.items():
             row = int(offsets[j] - offsets[i]) + len(gains) // 2
@@ -194,7 +195,7 @@ class PeopleLags:
         return found[0], found[1]
 
     def strengths(self, offsets: np.ndarray) -> np.ndarray:
-        """Return the (C,) matching frames of each camera per pair, times their squared share."""
+        """Return the (C,) matching frames of each camera per pair, times their squared share of all frames."""
         gained, possible = self.of_cameras(offsets)
         compared = [pair for pair, table in self.possible.items() if table.any()]
         pairs = np.bincount(np.ravel(compared).astype(int), minlength=len(offsets))
@@ -204,9 +205,10 @@ class PeopleLags:
 def people_lags(
     cameras: Cameras, xy: np.ndarray, most_samples: int = FRAMES, scale: float = MOVED, reach: int | None = None
 ) -> PeopleLags:
-    """Return the gains of all pairs of views (F, P, J, 2), or of neighbours in large arrays.
+    """Compare people in pairs of views (C, F, P, J, 2) at all offsets. In large arrays, compare neighbours only.
 
-    The liveliest ``most_samples`` frames per view are compared with all frames of another view within reach.
+    The ``most_samples`` frames per view with the most movement are compared with all frames of the other view within
+    reach.
     """
     views, last = [_ViewPeople.of(view) for view in xy], xy.shape[1] - 1
     rows = [view.lively_frames(most_samples) for view in views]
@@ -245,7 +247,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class SignalLags:
-    """Clocks of C signals relative to the first: time t is ``t + lag + rate (t - middle)`` on them."""
+    """Clocks of C signals. Time t on the first clock is ``t + lag + rate (t - middle)`` on a signal's own clock."""
 
     lag_s: np.ndarray  # (C,) seconds at ``middle_s``.
     rate: np.ndarray  # (C,) seconds per second.
@@ -264,8 +266,9 @@ def signal_lags(
 ) -> SignalLags:
     """Estimate the lags and rates of C signals with the same sample rate.
 
-    Whole signals are correlated by FFT and normalised by the overlapping energies. Pieces are then correlated near the
-    best lags. A robust fit to all pieces of all pairs, with the quartz prior on the rates, gives lags and rates.
+    Whole signals are correlated by FFT and normalised by the energies of their overlap. Then pieces of ``piece_s`` are
+    correlated near the best lags. A robust fit to all pieces of all pairs, with a prior for quartz clocks, gives lags
+    and rates.
 
     Args:
         floor_s: smallest standard deviation in seconds, such as the delay of sound or an image interval.
@@ -312,7 +315,7 @@ def signal_lags(
 
 
 def _lag_table(a: Signal, b: Signal, reach: int, least: float) -> np.ndarray:
-    """Return the (2 R + 1,) log-likelihoods of lags of b behind a in steps of ``SAME_S``, 0 without agreement."""
+    """Return the log-likelihoods (2 R + 1,) of lags of b behind a, in steps of ``SAME_S``, 0 without correlation."""
     lags, score, overlap = _correlations(a.values, b.values)
     place = np.rint((lags / a.rate_hz + b.start_s - a.start_s) / SAME_S).astype(int) + reach
     used = (place >= 0) & (place <= 2 * reach) & (score > least)
@@ -323,7 +326,7 @@ def _lag_table(a: Signal, b: Signal, reach: int, least: float) -> np.ndarray:
 
 
 def _piece_lags(a: Signal, b: Signal, lag_s: float, piece_s: float) -> list[tuple[float, float, float]]:
-    """Return time and lag in seconds, and the correlation, of pieces of a near a lag of b."""
+    """Correlate pieces of a with b near a lag. Return the time and lag in seconds, and the correlation, of each."""
     rate_hz, near = a.rate_hz, 0.25 * piece_s
     size, found = max(round(piece_s * rate_hz), 8), []
     for start in range(0, max(len(a.values) - size, 0) + 1, max(size // 2, 1)):
@@ -344,7 +347,7 @@ def _piece_lags(a: Signal, b: Signal, lag_s: float, piece_s: float) -> list[tupl
 
 
 def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return lags of b behind a in samples, with the correlation and the number of common samples at each."""
+    """Return lags of b behind a in samples, and for each lag the correlation and the number of common samples."""
     size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
     product = np.fft.irfft(np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0)), size, axis=0).sum(-1)
     lags = np.arange(-(len(a) - 1), len(b))

@@ -72,10 +72,10 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
 def detections_of(
     followed: FollowedPeople, person: int, detections: Detections, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a (C, F, P) mask of a person's detections, and the number of matching keypoints of each.
+    """Return a (C, F, P) mask of a person's detections, and the number of matching keypoints of each detection.
 
-    A detection is accepted if its keypoints and most of its track in the view are as close as usual in this recording.
-    The track distinguishes the person from people who pass behind.
+    A detection is accepted if it is as close to the person's 3D keypoints as usual in this recording, and if most of
+    its track in the view is. The track distinguishes the person from people who pass behind.
     """
     seen, tracks = followed.seen, followed.tracks
     points, near = _expected_points(followed.people, followed.rows[person], detections.num_frames, fps)
@@ -97,7 +97,7 @@ def detections_of(
 
 
 def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
-    """Return the views that show one person who is rarely accepted."""
+    """Return the views that usually show a single person, but rarely an accepted detection."""
     people = detections.people()
     seen = (people > 0).sum(1)
     alone = (people == 1).sum(1) >= SURE_SHARE * seen
@@ -191,7 +191,7 @@ def select_people(
 
 
 def _gaps(followed: FollowedPeople, rows: np.ndarray) -> dict[tuple[int, int], np.ndarray]:
-    """Return the distances (N,) in metres by which a person's rays in two views miss each other, by pair of views.
+    """Return the distances (N,) in metres between a person's rays in two views, for each pair of views.
 
     The distance in a frame is the median over the keypoints of the signed distances, which noise does not shift.
     """
@@ -227,9 +227,10 @@ def _selected(
 def _merged(
     detections: Detections, accepted: np.ndarray, fit: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
-    """Merge a person's detections into xy, confidence, hands and (C, F) main detection.
+    """Merge a person's detections. Return xy, confidence, hands and the (C, F) index of the main detection.
 
-    A detector may find one person in two pieces. The best-fitting piece is completed with the next.
+    A detector may find one person in two pieces. Keypoints that are missing in the best-fitting piece come from the
+    next.
     """
     order = np.argsort(np.where(accepted, -fit, np.inf), axis=-1, kind="stable")
     shape = (*detections.confidence.shape[:2], detections.confidence.shape[3])
@@ -304,12 +305,10 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
 
 
 def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: float) -> list[Track]:
-    """Return the tracks of (F, P, K, 2) detections. The nearest pairs are linked first."""
     tracks: list[Track] = []
     present = (confidence > 0).sum(axis=-1) >= MIN_POINTS
 
     def distance(one: tuple[int, int], other: tuple[int, int]) -> float:
-        """Return the median distance of common keypoints in person sizes, else infinity."""
         both = (confidence[one] > 0) & (confidence[other] > 0)
         apart = float(np.median(np.linalg.norm(xy[one][both] - xy[other][both], axis=-1))) if both.any() else np.inf
         return apart / max(float(size[one]), float(size[other]), 1e-6)

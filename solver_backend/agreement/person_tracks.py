@@ -25,7 +25,7 @@ SMALLEST_ANGLE_SIN2 = 0.0076  # Squared sine of the smallest angle between two r
 
 @dataclass(frozen=True)
 class PeopleInSpace:
-    """H people, or groups of detections that may be people, each in one frame."""
+    """H groups of detections. Each group belongs to one frame and is, or may be, one person."""
 
     frame: np.ndarray  # (H,) frame of each, ascending.
     members: np.ndarray  # (H, C) index of each view's detection, -1 without one.
@@ -33,7 +33,7 @@ class PeopleInSpace:
     score: np.ndarray  # (H,) sum over its views of 1 - distance / tolerance.
 
     def at(self, rows: np.ndarray) -> PeopleInSpace:
-        """Return the selected people."""
+        """Return the people with the given row numbers."""
         return PeopleInSpace(self.frame[rows], self.members[rows], self.points[rows], self.score[rows])
 
 
@@ -153,7 +153,6 @@ def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Return the median of known values over the last axis, infinity with fewer than ``MIN_POINTS``."""
     enough = np.isfinite(values).sum(-1) >= MIN_POINTS
     return np.where(enough, quantile(values, 0.5, axis=-1, method="lower"), np.inf)
 
@@ -161,7 +160,7 @@ def _median(values: np.ndarray) -> np.ndarray:
 def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapped: np.ndarray) -> np.ndarray:
     """Return the (N, J, 3) points nearest to all rays in metres: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``.
 
-    Midpoint method (Hartley and Sturm 1997, "Triangulation") for any number of views.
+    Midpoint method (Hartley and Sturm 1997, "Triangulation") for any number of rays from centres c in directions d.
     """
     count, joints = len(frame), seen.xy.shape[3]
     A, b = np.zeros((count, joints, 3, 3)), np.zeros((count, joints, 3))
@@ -186,10 +185,10 @@ BRIDGE_S = 0.5  # Longest absence within a tracklet.
 
 
 def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
-    """Return each person's rows of ``people`` over the frames, with the best agreement first.
+    """Link people over time. Return each person's rows of ``people``, starting with the best agreement.
 
     Agreement is the sum of (score - 1)² over the rows, so one frame in four views counts as nine in two. A person who
-    never moves, such as a mannequin, has half the weight. ``tracks`` are of ``view_tracks``.
+    never moves, such as a mannequin, has half the weight. ``tracks`` is the result of ``view_tracks``.
     """
     if not len(people.frame):
         return []
@@ -213,7 +212,7 @@ def _weight(people: PeopleInSpace, rows: np.ndarray) -> float:
 
 
 def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float) -> list[np.ndarray]:
-    """Link sightings in consecutive frames: first by common tracks of views, then by distance."""
+    """Link people in consecutive frames: first those with common tracks in single views, then the nearest ones."""
     found, active = list[list[int]](), list[list[int]]()
     starts, at, positions = np.flatnonzero(np.diff(frames, prepend=-1)).tolist(), frames.tolist(), middles.tolist()
     for start, stop in zip(starts, [*starts[1:], len(frames)], strict=True):
@@ -239,7 +238,7 @@ def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset
 def _joined(
     tracklets: list[np.ndarray], frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float
 ) -> list[np.ndarray]:
-    """Join tracklets that follow each other in time: first those with common tracks of views, then near ones."""
+    """Join tracklets that follow each other in time: first those with common tracks of views, then the nearest ones."""
     first = np.array([frames[rows[0]] for rows in tracklets])
     last = np.array([frames[rows[-1]] for rows in tracklets])
     begin = np.stack([middles[rows[0]] for rows in tracklets])
@@ -277,8 +276,8 @@ STEP_SHARE = 0.2  # Largest movement of a person's keypoints per frame, relative
 def view_tracks(seen: Sightings) -> np.ndarray:
     """Return (C, F, P) unique track numbers of detections, -1 without a detection.
 
-    Detections in consecutive frames are linked if each is the other's nearest, and any other is twice as far. Ambiguous
-    frames, such as those with two crossing people, end a track.
+    Two detections in consecutive frames are linked if they are nearest to each other, and all others are at least twice
+    as far away. Ambiguous frames, such as those with two crossing people, end a track.
     """
     present, links = seen.present(), np.stack([_links(view) for view in seen.xy])
     first = np.arange(present.size).reshape(present.shape)  # number of the first detection in each track
@@ -301,7 +300,7 @@ def _links(xy: np.ndarray) -> np.ndarray:
 
 
 def _costs(xy: np.ndarray) -> np.ndarray:
-    """Return (F-1, P, P) mean keypoint distances of two frames in person sizes, infinity for too few keypoints."""
+    """Return mean keypoint distances (F-1, P, P) of consecutive frames in person sizes, infinity if too few match."""
     known = np.isfinite(xy[..., :1])
     count = np.maximum(known.sum(-2), 1)
     middle = np.where(known, xy, 0.0).sum(-2) / count
@@ -318,10 +317,10 @@ def _costs(xy: np.ndarray) -> np.ndarray:
 
 
 def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInSpace:
-    """Return the best groups of each frame that share no detection.
+    """Select the best groups in each frame, such that no two groups have a detection in common.
 
-    A group's score is multiplied by the fraction of the take's frames with agreeing ``view_tracks``. Rays of different
-    people meet in some frames only.
+    A group's score is multiplied by the fraction of frames in which its ``view_tracks`` agree, because the rays of
+    different people meet in some frames only.
     """
     score: np.ndarray = people.score * _lasting_agreement(people, tracks)
     left = np.ones(len(score), bool)
@@ -338,7 +337,7 @@ def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInS
 
 
 def _lasting_agreement(people: PeopleInSpace, tracks: np.ndarray) -> np.ndarray:
-    """Return (H,) fractions of frames with agreeing tracks, as means over a group's pairs of views."""
+    """Return the (H,) fractions of frames in which the tracks of a group agree, averaged over its pairs of views."""
     views = people.members.shape[1]
     size, shown = int(tracks.max(initial=-1)) + 1, tracks >= 0  # tracks have no gaps
     first, last = np.full(size, tracks.shape[1]), np.full(size, -1)
