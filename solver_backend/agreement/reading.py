@@ -35,24 +35,24 @@ class Detections:
 
     @classmethod
     def of_people(cls, cameras: tuple[str, ...], people: Sequence[Keypoints2D]) -> Detections:
-        """Return the detections of several people with the same keypoints."""
+        """Combine the keypoints of several people, who have the same keypoint names, into detections."""
         xy, confidence = (np.stack(each, axis=2) for each in zip(*((p.xy, p.confidence) for p in people), strict=True))
         hands = stacked_hands([person.hands for person in people], axis=2)
         return cls(cameras, xy, confidence, people[0].joint_set, hands, own=people[0].own)
 
     @property
     def num_frames(self) -> int:
-        """Number of frames."""
+        """Number of frames of the longest camera. Shorter cameras have empty frames at the end."""
         return self.xy.shape[1]
 
     @property
     def starts(self) -> np.ndarray:
-        """(C,) number of each camera's first frame."""
+        """(C,) number of each camera's first frame in its files."""
         return np.array(self.first_frames or [self.first_frame] * len(self.cameras))
 
     @property
     def counts(self) -> np.ndarray:
-        """(C,) number of each camera's frames."""
+        """(C,) number of frames that each camera recorded."""
         return np.array(self.lengths or [self.num_frames] * len(self.cameras))
 
     def people(self) -> np.ndarray:
@@ -67,7 +67,7 @@ ENOUGH = 24  # Fewest frames or points for an estimate.
 
 @dataclass(frozen=True)
 class Sightings:
-    """Compared keypoints of every detection in normalised camera coordinates."""
+    """Keypoints that are compared between views, for every detection, in normalised camera coordinates."""
 
     cameras: Cameras  # C cameras.
     xy: np.ndarray  # (C, F, P, J, 2) undistorted x/z, y/z. NaN where missing.
@@ -79,7 +79,7 @@ class Sightings:
 
 
 def compared_keypoints(joint_set: JointSet) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns to compare between views, and each column's mirror image."""
+    """Select the keypoints to compare between views. Return their columns, and the index of each mirror image."""
     names = joint_set.keypoints
     wanted = ["nose", *(f"{side}_{name}" for name in LIMBS["arms"] + LIMBS["legs"] for side in ("left", "right"))]
     columns = np.array([names.index(name) for name in wanted if name in names])
@@ -102,7 +102,7 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
 
 
 def main_person(detections: Detections, *, every_keypoint: bool = False) -> np.ndarray:
-    """Return compared or all keypoints (C, F, J, 2) in px of each image's largest person."""
+    """Return the keypoints (C, F, J, 2) in px of each image's largest person: the compared ones, or all."""
     columns, _ = compared_keypoints(detections.joint_set)
     kept = np.arange(detections.xy.shape[3]) if every_keypoint else columns
     sure = detections.confidence >= MIN_CONFIDENCE
@@ -113,7 +113,7 @@ def main_person(detections: Detections, *, every_keypoint: bool = False) -> np.n
 
 
 def extent(xy: np.ndarray) -> np.ndarray:
-    """Return the box diagonals of people with (..., K, 2) keypoints in px, NaN without a person."""
+    """Return the diagonals of people's bounding boxes from keypoints (..., K, 2) in px, NaN without a person."""
     known = np.isfinite(xy).all(-1)[..., None]
     span = np.where(known, xy, -np.inf).max(-2) - np.where(known, xy, np.inf).min(-2)
     return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)
@@ -140,7 +140,7 @@ class PictureReading:
 
     @property
     def correction(self) -> CameraCorrection:
-        """Return the camera's correction. Mirrored images correct the detections instead."""
+        """Return the correction of the camera. Mirroring is corrected in the detections instead."""
         return CameraCorrection(self.size, 0 if self.mirrored else self.turn, window=self.window)
 
 
@@ -149,7 +149,7 @@ PLAIN = PictureReading()
 
 @dataclass(frozen=True)
 class Reading:
-    """One interpretation of the files of C recorded views."""
+    """One interpretation of the files of C recorded views, such as 'the images of the second view are mirrored'."""
 
     pictures: tuple[PictureReading, ...]  # One per view.
     owners: tuple[int, ...]  # Calibrated camera of each view.
@@ -162,12 +162,12 @@ class Reading:
 
     @classmethod
     def as_written(cls, views: int) -> Reading:
-        """Return the literal interpretation of every file."""
+        """Return the interpretation in which all files are correct."""
         return cls((PLAIN,) * views, tuple(range(views)), (False,) * views, (None,) * views, (0,) * views)
 
     @property
     def is_of_one_camera(self) -> bool:
-        """Return whether a single camera is moved, late or excluded."""
+        """Return whether the interpretation moves, delays or excludes single cameras."""
         return any(self.moved) or any(self.late) or bool(self.left_out)
 
     def correction(self, view: int) -> CameraCorrection:
@@ -186,16 +186,16 @@ class Reading:
 
     @property
     def is_uniform(self) -> bool:
-        """Return whether all views differ from the files in the same way, apart from their names."""
+        """Return whether all views have the same corrections, apart from exchanged names."""
         return len(set(zip(self.pictures, self.sides, strict=True))) == 1 and not self.is_of_one_camera
 
     def common(self) -> tuple[PictureReading, bool]:
-        """Return the image interpretation and the swapped sides that most views have."""
+        """Return the image interpretation, and whether sides are swapped, that most views have."""
         return Counter(zip(self.pictures, self.sides, strict=True)).most_common(1)[0][0]
 
 
 def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) -> tuple[Cameras, Detections]:
-    """Return the cameras and detections of C views for one interpretation of A calibrated cameras."""
+    """Correct A calibrated cameras and C views as an interpretation requires. Return C cameras and detections."""
     read = corrected(
         cameras.subset(list(reading.owners)), [reading.correction(v) for v in range(len(reading.pictures))]
     )
@@ -227,9 +227,10 @@ def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) ->
 
 
 def _evenly_cut(sizes: np.ndarray, cameras: Cameras, detections: Detections, reading: Reading) -> np.ndarray:
-    """Return (C, 2) sizes of images with symmetric crops or bars, if these contain all keypoints.
+    """Return (C, 2) image sizes, on the assumption that fitted crops or bars are symmetric.
 
-    A fitted crop determines where images begin, but not where they end. Most crops are centred.
+    A fitted crop determines where an image begins, but not where it ends. Most crops are centred. A view is unchanged
+    if a keypoint would be outside the image.
     """
     sizes = sizes.copy()
     for view, picture in enumerate(reading.pictures):
@@ -242,9 +243,9 @@ def _evenly_cut(sizes: np.ndarray, cameras: Cameras, detections: Detections, rea
 
 
 def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
-    """Convert (..., 2) pixels of turned and then mirrored images to pixels of the originals.
+    """Convert (..., 2) pixels of rotated and then mirrored images to pixels of the original images.
 
-    The original images have ``size`` px. Turns are by 90 degrees clockwise.
+    The original images have ``size`` px. ``turn`` is the number of clockwise rotations by 90 degrees.
     """
     width, height = size.tolist()
     recorded_width = width if turn % 2 == 0 else height
@@ -252,7 +253,7 @@ def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
 
 
 def unturn(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
-    """Convert (..., 2) pixels of images rotated clockwise to pixels of the original images."""
+    """Convert (..., 2) pixels of images after ``turn`` clockwise rotations by 90 degrees to original pixels."""
     (width, height), u, v = size.tolist(), xy[..., 0], xy[..., 1]
     before = ((u, v), (v, height - 1 - u), (width - 1 - u, height - 1 - v), (width - 1 - v, u))[turn]
     return np.stack(before, axis=-1)

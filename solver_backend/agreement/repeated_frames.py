@@ -21,9 +21,10 @@ LEAST_REPEATED = 1.0  # Percentage of repeated frames that is reported. Fewer ar
 
 
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return a (C, F) mask of exact repetitions of the previous frame.
+    """Return a (C, F) mask of frames that exactly repeat the previous frame.
 
-    A run of equal frames is a repetition if the view moves in the step after it, or before it at the take's end.
+    A run of equal frames counts if the view moves in the step after the run. At the take's end, the step before it
+    counts.
     """
     xy, seen = keypoints.xy, keypoints.confidence > 0
     views, frames = seen.shape[:2]
@@ -42,7 +43,7 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return a (C, F) mask of frames with all keypoints on straight lines, as in filled gaps."""
+    """Return a (C, F) mask of frames in which a program filled a gap: all keypoints move on straight lines."""
     seen = keypoints.confidence > 0
     xy = np.where(seen[..., None], keypoints.xy, 0.0)
     three = seen[:, 2:] & seen[:, 1:-1] & seen[:, :-2]
@@ -61,9 +62,10 @@ def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return an (F,) mask of frames that no view shows, if most gaps are a constant number of frames apart.
+    """Return an (F,) mask of frames that the detector skipped at regular intervals.
 
-    A solver that uses every second frame might use only these frames. Irregular gaps have other causes.
+    A frame counts as skipped if no view shows it, and most gaps of this kind are equally spaced. Irregular gaps have
+    other causes, so the mask is then all False.
     """
     empty = ~(keypoints.confidence > 0).any(axis=(0, 2))
     gaps = [(first, last) for first, last in true_runs(empty) if first > 0 and last < len(empty) - 1]
@@ -77,10 +79,10 @@ def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D:
-    """Interpolate (C, F) repeated or skipped frames linearly.
+    """Interpolate the frames in the mask ``repeated`` (C, F) linearly.
 
-    A repeated frame shows an old position of the person. In runs longer than ``LONGEST``, and at the end of the take,
-    its detections are removed instead.
+    A repeated frame shows an old position of the person. Detections are removed instead in runs longer than
+    ``LONGEST``, and at the end of the take.
     """
     views, frames = repeated.shape
     number = np.broadcast_to(np.arange(frames), repeated.shape)
@@ -100,7 +102,7 @@ def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D
 
 
 def take_cuts(detections: Detections) -> list[int]:
-    """Return the frames with a cut to another take: the main person jumps in all synchronised views."""
+    """Return the frames where another take begins, because the main person jumps in all synchronised views."""
     points = main_person(detections)
     if points.shape[1] < 4:
         return []
@@ -120,8 +122,8 @@ def take_cuts(detections: Detections) -> list[int]:
 def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
     """Report frames that are sorted as text (1, 10, 100, 2).
 
-    Numeric order must have less than half of the movement. It has 0.03 to 0.24 of it for 40 to 360 frames of the demo.
-    Frames in correct order have 3 and more.
+    Sorting them by number must more than halve the movement. It leaves 0.03 to 0.24 of it for 40 to 360 frames of the
+    demo. If the frames are already in order, sorting at least triples it.
     """
     points, count = main_person(detections), detections.num_frames
     if count < ENOUGH:
@@ -141,6 +143,6 @@ def _walked(points: np.ndarray) -> float:
 
 
 def report_cuts(cuts: list[int], num_frames: int) -> tuple[Diagnostic, ...]:
-    """Report cuts, if there are any."""
+    """Report the frames at which another take begins."""
     ends: dict[str, Any] = {"first_end": cuts[0] - 1, "last_start": cuts[-1], "end": num_frames - 1} if cuts else {}
     return (diagnostic("takes_joined", cuts=cuts, **ends),) if cuts else ()

@@ -65,14 +65,14 @@ class _Stance:
         return _median((centre[2] + away * shoulders[:, 2] - ANKLE_M) / SHOULDER_SHARE)
 
     def floor_spread(self) -> float:
-        """Return the central 80 % range of the height under an adult's feet in metres, 0 if unknown."""
+        """Return the central 80 % range of the floor height under an adult's feet in metres, 0 if unknown."""
         ankles, shoulders = (ray[:, 2] / np.linalg.norm(ray[:, :2], axis=-1) for ray in self.rays())
         with np.errstate(divide="ignore", invalid="ignore"):
             height = ankles * SHOULDER_SHARE * MEAN_STATURE_M / (shoulders - ankles)
         return float(np.nan_to_num(np.ptp([quantile(height, share, 0) for share in (0.1, 0.9)])))
 
     def lies(self, heights: tuple[float, ...]) -> bool:
-        """Return whether a surface between these heights explains a lying person.
+        """Return whether the person may be lying on a surface between these heights.
 
         The apparent length is proportional to the distance between the camera's height and the surface.
         """
@@ -83,15 +83,15 @@ class _Stance:
 
 
 def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictures | None:
-    """Detect a rotation or resizing of a single view's images, or return None.
+    """Detect that a single view's images were rotated or resized. Return None if this is not clear.
 
-    Images are rotated if the person is upright only in another rotation, and one of two conditions holds. The person
-    leaves the calibrated image, or is upright on the floor only in the rotated image. The alternative is a person in a
-    handstand, or on a bed or table.
+    A rotation needs a person who is upright only in another rotation. In addition, the person must leave the calibrated
+    image, or be upright on the floor only in the rotated image. The alternative is a person in a handstand, or on a bed
+    or table.
 
-    Images are resized if an upright person leaves the calibrated image or has an impossible stature. In addition, a
-    single other size must give a usual stature and contain every keypoint. The alternative is a floor at another height
-    or slope, unless an adult's feet are level only with this size.
+    A resizing needs an upright person who leaves the calibrated image or has an impossible stature. In addition,
+    exactly one other size must give a usual stature and contain every keypoint. The alternative is a floor at another
+    height or slope, unless an adult's feet are level only with this size.
     """
     names, size = detections.joint_set.keypoints, camera.image_size[0]
     ends = {part: (f"left_{part}", f"right_{part}") for part in ("hip", "shoulder", "ankle")}

@@ -24,7 +24,7 @@ from solver_backend.types import UNSEEN_POINT, Cameras
 
 
 class StartEvidence(Enum):
-    """Evidence for the cameras' starts."""
+    """Result of comparing the views at different starts of the cameras."""
 
     IN_STEP = "in step"  # They agree by their frame numbers, and no other offset is better by a margin.
     APART = "apart"  # They agree far better at other offsets, and only there.
@@ -34,7 +34,7 @@ class StartEvidence(Enum):
 
 @dataclass(frozen=True)
 class CameraStarts:
-    """Row of each of C cameras that corresponds to row 0 of the take."""
+    """Start of the take in each of C cameras: the row that corresponds to row 0 of the take."""
 
     offsets: np.ndarray  # (C,) whole frames. Frame f of the take is row f + offset of the camera.
     evidence: StartEvidence  # Evidence. Unless it is ``APART``, the offsets are the numbered ones.
@@ -43,10 +43,10 @@ class CameraStarts:
 
 
 def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: np.ndarray) -> CameraStarts:
-    """Estimate the start of each camera in whole frames, with alternatives if ambiguous.
+    """Estimate the row of each camera at which the take starts, with alternatives if ambiguous.
 
-    Row 0 is the first recorded frame of a camera, and ``numbered`` (C,) are the offsets from the frame numbers. The
-    solve measures the remaining fractions of a frame.
+    Row 0 is a camera's first recorded frame. ``numbered`` (C,) are the rows according to the frame numbers. The solve
+    later estimates delays of less than a frame.
     """
     count, seen = len(cameras), sightings(cameras, detections)
     gains = people_lags(cameras, seen.xy)
@@ -69,7 +69,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
 
 
 def strength(cameras: Cameras, detections: Detections) -> float:
-    """Return the strength of the best match of a few frames, see ``PeopleLags.strengths``."""
+    """Return how strongly a few frames match at the best offsets (see ``PeopleLags.strengths``)."""
     step = max(1, -(-detections.num_frames // SAMPLED_FRAMES))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
     gains = people_lags(cameras, sightings(cameras, thin).xy)
@@ -77,7 +77,7 @@ def strength(cameras: Cameras, detections: Detections) -> float:
 
 
 def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None:
-    """Return the interpretation for which all cameras match clearly best at some offsets, or None."""
+    """Find a correction of all files with which the views match clearly best at some offsets, or return None."""
     count, written = len(cameras), Reading.as_written(len(cameras))
     if not 2 <= count <= EACH or not (detections.people() > 0).any(axis=1).all():
         return None
@@ -96,10 +96,10 @@ def _differ(one: Reading, other: Reading) -> bool:
 
 
 def common_rows(offsets: np.ndarray, lengths: np.ndarray, *, every: bool = False) -> tuple[int, int]:
-    """Return the first row of the take, and one past its last row, on the first camera's clock.
+    """Return the first frame of the take that the cameras have in common, and one past the last one.
 
-    Frame f of the take is row f + offset (C,) of a camera. Cameras that recorded no rows are ignored.
-    With ``every``, only rows that all cameras recorded are used, even if they are few.
+    Frame f of the take is row f + offset (C,) of a camera. Cameras that recorded no rows are ignored. If the cameras
+    have few frames in common, two cameras per frame are enough, except with ``every``.
     """
     recorded = lengths > 0
     first, stop = -offsets[recorded], (lengths - offsets)[recorded]
@@ -113,7 +113,7 @@ def common_rows(offsets: np.ndarray, lengths: np.ndarray, *, every: bool = False
 
 
 def align_rows(detections: Detections, offsets: np.ndarray, first: int, stop: int) -> Detections:
-    """Return rows ``first`` to ``stop - 1`` of the take, see ``common_rows``. Others are empty."""
+    """Return frames ``first`` to ``stop - 1`` of the take (see ``common_rows``), empty where not recorded."""
     return _at_rows(detections, np.arange(first, stop) + offsets[:, None])
 
 
@@ -136,7 +136,7 @@ def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
 
 
 def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Return the nearest frame of each camera for every frame, at (C,) camera frames per frame."""
+    """Take each camera's nearest frame for every frame of the take, at (C,) camera frames per frame."""
     moments = [np.round(_moments(detections, c, rate)).astype(int) for c, rate in enumerate(rates)]
     rows = np.full((len(moments), max(map(len, moments))), -1)
     for row, at in zip(rows, moments, strict=True):
@@ -145,7 +145,7 @@ def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
 
 
 def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Return every camera at the take's rate, interpolated if two frames show one person."""
+    """Resample each camera to the take's frame rate. Interpolate between frames that show the same person."""
     result, kept = nearest_rows(detections, rates), list[int]()
     for c, rate in enumerate(rates):
         moments = _moments(detections, c, rate)
@@ -162,7 +162,7 @@ def _moments(detections: Detections, c: int, rate: float) -> np.ndarray:
 
 
 def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndarray) -> None:
-    """Write interpolated keypoints between two frames with the same person into ``result``."""
+    """Interpolate camera c at times between two frames that show the same person, and write to ``result``."""
     before = np.floor(at).astype(int)
     after = np.minimum(before + 1, detections.num_frames - 1)
     share = (at - before)[:, None, None, None]
@@ -185,7 +185,7 @@ CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  
 
 
 def rates_by_length(cameras: Cameras, detections: Detections) -> np.ndarray:
-    """Return (C,) frames of each camera per frame of the longest one, usually 1."""
+    """Estimate the (C,) frame rates relative to the longest camera from the numbers of frames, usually 1."""
     longest = max(detections.lengths, default=0)
     ratios = np.array([_standard(length, longest) for length in detections.lengths])
     differ = (ratios != 1.0).any() and rates_match(cameras, detections, ratios)
@@ -193,7 +193,7 @@ def rates_by_length(cameras: Cameras, detections: Detections) -> np.ndarray:
 
 
 def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> bool:
-    """Return whether views match better if their (C,) frame rates differ relative to the take's."""
+    """Return whether the views match better at these (C,) frame rates, relative to the take's, than at rates of 1."""
     tried = (nearest_rows(detections, r.tolist()) for r in (rates, np.ones(len(rates))))
     then, now = (strength(cameras, rows) for rows in tried)
     return then >= LEAST_STRENGTH and now < RIVAL_SHARE * then

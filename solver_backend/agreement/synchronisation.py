@@ -38,10 +38,11 @@ def _clock_step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Return one Gauss-Newton step of all delays and drifts, its standard deviation, and the moved points.
 
-    A detection of camera c, read ``δ_c + τ ε_c`` frames later, is ``x + (δ_c + τ ε_c) v``. The step minimises ``Σ w |x
-    + (δ + τ ε) v - π(X) - J ξ - b|²`` over delays δ, drifts ε, steps of points ξ, and a constant b for every view and
-    keypoint that absorbs calibration errors. Only differences between cameras are determined. The covariance is the
-    sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over ``BLOCKS`` of frames, because errors of neighbouring frames are correlated.
+    A detection x of camera c with velocity v, read ``δ_c + τ ε_c`` frames later, is ``x + (δ_c + τ ε_c) v``. The step
+    minimises ``Σ w |x + (δ + τ ε) v - π(X) - J ξ - b|²`` over delays δ, drifts ε, steps ξ of the points X, and a
+    constant b for every view and keypoint that absorbs calibration errors. J is the derivative of the projection π.
+    Only differences between cameras are determined. The covariance is the sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` of the
+    Hessian H and the gradients g_b of ``BLOCKS`` of frames, because errors of neighbouring frames are correlated.
 
     Args:
         xy: (C, N, K, 2) keypoints in px, NaN where missing.
@@ -78,7 +79,7 @@ def _clock_step(
 def _equations(
     J: np.ndarray, moved: np.ndarray, velocity: np.ndarray, error: np.ndarray, weight: np.ndarray, ramps: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return normal matrices (blocks, B, B) and gradients (blocks, B) for B ramps of all views.
+    """Return normal matrices (blocks, B, B) and gradients (blocks, B) for the B delays and drifts of all views.
 
     Args:
         moved: (C, N, K, 3) movement of the points in metres per frame of delay in a view.
@@ -101,7 +102,7 @@ def _equations(
 
 
 def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return least-squares steps (kinds, C) with zero mean, and their standard deviations."""
+    """Return least-squares steps (kinds, C) of delays and drifts with zero mean, and their standard deviations."""
     count = normal.shape[-1] // kinds
     total = normal.sum(axis=0)
     alike = np.kron(np.eye(kinds), np.ones((count, count))) * (np.trace(total) / len(total) ** 2)
@@ -132,7 +133,7 @@ same in all views, so they cause no delay."""
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays of C cameras."""
+    """Estimated delays and drifts of C cameras."""
 
     frames: np.ndarray  # (C,) frame f was recorded at time ``f - delay``. The median is 0. NaN where unknown.
     sigma: np.ndarray  # (C,) standard deviation. NaN if too little moves.
@@ -143,7 +144,7 @@ class Delays:
 
     @property
     def moved(self) -> np.ndarray:
-        """(C,) mask of cameras with a certain delay or drift."""
+        """(C,) mask of cameras with a significant delay or drift."""
         late = np.abs(self.frames) >= np.maximum(LEAST_DELAY_FRAMES, BOUND * self.sigma)
         return late | (np.nan_to_num(self.drift) != 0)
 
@@ -158,10 +159,10 @@ def estimate_delays(
 ) -> Delays:  # fmt: skip
     """Estimate the relative delays of all cameras together.
 
-    The evidence of all pairs of views (``people_lags``) gives the delays in whole frames, and says whether a view shows
-    enough. Gauss-Newton steps on the reprojection error refine them. They ignore constant offsets of a keypoint between
-    views (calibration errors). A delay must be better than zero delay in consecutive time blocks. Only frames with
-    detections in two views count.
+    All pairs of views are compared (``people_lags``). This gives the delays in whole frames, and shows whether a view
+    contains enough movement. Gauss-Newton steps on the reprojection error refine the delays. The steps ignore constant
+    offsets of a keypoint between views (calibration errors). A delay is accepted if it fits better than no delay over
+    several time blocks. Only frames with detections in two views are used.
 
     Args:
         xy: (C, F, K, 2) keypoints in px of limbs of one or more people, NaN where missing.
@@ -204,11 +205,10 @@ def estimate_delays(
 
 
 def _beats_in_step(cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, late: np.ndarray) -> np.ndarray:
-    """Return a (C,) mask of views that agree better at their delays (C, N) in most time blocks.
+    """Return a (C,) mask of views that agree better at their delays ``late`` (C, N) in most time blocks.
 
     With slow movement the likelihood is flat, and its maximum is not significant although the slopes suggest it. The
-    standard deviation is unknown for a view in one or two time blocks, so its delay must be testable and better than
-    none.
+    delay of a view with fewer than three time blocks cannot be tested, and is not confirmed.
 
     Args:
         tracks: (C, F, K, 2) keypoints in px.
@@ -216,7 +216,6 @@ def _beats_in_step(cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, lat
     """
 
     def rays_of(view: int, late: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return rays (N, K, 3) at (N,) delays, and the person's size on the unit plane."""
         (flat,) = undistort(cameras.subset([view]), _view_at(tracks[view], frames + late)[None])
         size = extent(flat)[np.isfinite(flat[..., 0]).sum(-1) >= MIN_POINTS]
         rays = np.concatenate([flat, np.where(np.isfinite(flat[..., :1]), 1.0, np.nan)], axis=-1)
@@ -259,7 +258,7 @@ def _refine(
     cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, lags: np.ndarray, sigma_px: np.ndarray,
     rate_sigma: float | None, progress: Progress,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return delays and drifts (2, C), and their standard deviations, from lags in whole frames."""
+    """Refine lags from whole frames. Return delays and drifts (2, C) in frames, and their standard deviations."""
     place, half = place_in_take(frames, tracks.shape[1]), 0.5 * tracks.shape[1]
     ramps, clocks = np.stack([np.ones_like(place), place]), np.stack([lags, np.zeros_like(lags)])
     shifted, drifting = tracks_at(tracks, frames + lags[:, None]), rate_sigma is not None
@@ -304,7 +303,7 @@ def reach_frames(fps: float) -> int:
 
 
 def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
-    """Return the detections with each view shifted by its delay in frames, (C,) or (C, F)."""
+    """Shift each view by its delay in frames, (C,) or (C, F)."""
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
     hands = None if keypoints.hands is None else keypoints.hands.copy()
     delay = np.broadcast_to(delay.reshape(len(delay), -1), xy.shape[:2])
@@ -320,7 +319,8 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
     """Return a (C,) mask of views in which the person moves enough.
 
-    An arm or more must move by ``BOUND`` variances between positions that are smoothed apart. Noise alone gives 4.
+    The keypoints of at least one arm must move by ``BOUND`` variances between positions that are smoothed separately.
+    Noise alone gives 4.
     """
     way = tracks_at(tracks, np.tile(frames + len(SMOOTHING), (len(tracks), 1)))
     way = way - tracks_at(tracks, np.tile(frames - len(SMOOTHING), (len(tracks), 1)))
@@ -331,7 +331,7 @@ def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.
 
 
 def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
-    """Return (C, F, K, 2) tracks after a running median and a low-pass filter."""
+    """Smooth (C, F, K, 2) tracks with a running median and a low-pass filter."""
 
     def around(track: np.ndarray) -> np.ndarray:
         padded = np.pad(track, ((0, 0), (half, half), (0, 0), (0, 0)), constant_values=np.nan)
@@ -343,12 +343,12 @@ def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
 
 
 def tracks_at(tracks: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return (C, N, K, 2) tracks at (C, N) times in frames."""
+    """Interpolate (C, F, K, 2) tracks at (C, N) times in frames."""
     return np.stack([_view_at(track, when) for track, when in zip(tracks, times, strict=True)])
 
 
 def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return a track (F, ...) at times in frames, NaN beyond its ends and next to missing values."""
+    """Interpolate a track (F, ...) at times in frames. Return NaN beyond its ends and next to missing values."""
     last = len(track) - 1
     low = np.clip(np.floor(times).astype(int), 0, last)
     share = (times - low).reshape(-1, *[1] * (track.ndim - 1))

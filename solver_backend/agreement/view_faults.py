@@ -55,8 +55,9 @@ class ViewRange(FrameSpan):
 def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, least_frames: float) -> list[ViewRange]:
     """Return the frame ranges in which a view contradicts the others, the longest first.
 
-    Each view is a two-state Markov chain. The number of outliers in a frame is binomial with the rate of its state. A
-    keypoint that three views show and no two agree on is an outlier in each. Ranges below ``least_frames`` are ignored.
+    Each view is a Markov chain with a consistent and a contradicting state. The number of outliers in a frame is
+    binomial, at the outlier rate of the state. If three views show a keypoint and no two agree, it is an outlier in
+    each. Ranges below ``least_frames`` are ignored.
 
     References: Viterbi 1967, and Rabiner 1989, "A tutorial on hidden Markov models".
     """
@@ -74,12 +75,12 @@ def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, le
 
 
 def view_runs(states: np.ndarray) -> list[ViewRange]:
-    """Return each run of true states (C, F)."""
+    """Return the frame ranges in which a (C, F) mask is true."""
     return [ViewRange(*run, view) for view, mask in enumerate(states) for run in true_runs(mask)]
 
 
 def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, frames: slice) -> Keypoints2D:
-    """Return the detections in a range, corrected for the faults of an interpretation."""
+    """Correct the faults that an interpretation describes, in the detections of a frame range."""
     everybody = Detections.of_people(cameras.names, [keypoints.at(frames)])
     written = Reading.as_written(len(cameras))
     _, read = apply_reading(cameras, everybody, replace(reading, owners=written.owners, moved=written.moved))
@@ -99,14 +100,14 @@ def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, f
 
 
 def turned_by(cameras: Cameras, reading: Reading, view: int) -> np.ndarray | None:
-    """Return the (3,) rotation vector of a rotated camera in radians and camera axes, or None."""
+    """Return the rotation vector (3,) of a moved camera in radians and camera axes, or None if it did not move."""
     pose = reading.moved[view]
     return None if pose is None else log_so3(np.reshape(pose[:9], (3, 3)) @ cameras.R[reading.owners[view]].T)
 
 
 @dataclass(frozen=True)
 class ViewFault(FrameSpan):
-    """Range of frames with contradicting views, and the interpretation that explains them."""
+    """Range of frames in which views contradict each other, and the interpretation that explains it."""
 
     reading: Reading
 
@@ -124,7 +125,7 @@ class CheckedViews(Generic[Finding]):
 
 
 def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewFault]:
-    """Undo faults of views in a range of frames that explain a contradiction, see ``explain``."""
+    """Find frame ranges in which a view contradicts the others, and correct faults that explain it (``explain``)."""
     faults: list[ViewFault] = []
     while len(cameras) > 2 and len(faults) < 2 * len(cameras):
         fault = _next(cameras, keypoints, triangulation)
@@ -180,10 +181,10 @@ def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view: int) -> bool:
 
 
 def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
-    """Return (..., F) states that minimise ``Σ_f u_f(s_f) + Σ_f T_f(s_{f-1}, s_f)`` (Viterbi 1967).
+    """Return the (..., F) states that minimise ``Σ_f u_f(s_f) + Σ_f T_f(s_{f-1}, s_f)`` (Viterbi 1967).
 
-    Costs are (..., F, 2) of each state, and (..., F, 2, 2) of the transition from the previous frame's state. Ties give
-    state 0.
+    The costs u (..., F, 2) are of each state. T (..., F, 2, 2) are of transitions from the previous frame's state.
+    State 0 wins if both have equal costs.
     """
     cost, before = unary[..., 0, :], list[np.ndarray]()
     for f in range(1, unary.shape[-2]):
@@ -201,7 +202,7 @@ EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints t
 
 @dataclass(frozen=True)
 class LabelSwap(ViewRange):
-    """Swap of left and right that was undone."""
+    """Range of frames in which swapped left and right limbs of a view were corrected."""
 
     limb: str  # 'arms' or 'legs'.
     gain: float  # Decrease of the cost, about twice a log-likelihood ratio.
@@ -210,9 +211,9 @@ class LabelSwap(ViewRange):
 def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[LabelSwap]:
     """Find and undo swaps of left and right limbs in single views.
 
-    Each view and pair of limbs has a two-state Markov chain over the frames. The cost of a state is the distance of
-    detections from other views' predictions. The cost of a transition is the jump of the detections. If swaps of
-    several views overlap, the best one is undone first and the others are evaluated again.
+    Each view and pair of limbs has a Markov chain with a labelled and a swapped state per frame. A state costs the
+    distance between the detections and the predictions of other views. A transition costs the jump of the detections.
+    If swaps in several views overlap, the best one is undone first. The others are then evaluated again.
 
     Reference: Viterbi 1967 (the best states of a chain).
     """
@@ -234,7 +235,6 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
 def _predictions(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, frames: np.ndarray
 ) -> Predictions:
-    """Return predicted pixels of the limbs in the given frames, in the order of ``_columns``."""
     columns = _columns(keypoints.joint_set)
     limbs = triangulation.of_keypoints(columns)
     return predict_views(cameras, keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns], limbs, frames)
@@ -245,7 +245,7 @@ def _columns(joint_set: JointSet) -> np.ndarray:
 
 
 def exchanged(keypoints: Keypoints2D, swaps: list[LabelSwap]) -> Keypoints2D:
-    """Return the detections with the given swaps applied."""
+    """Exchange left and right in the given swaps of limbs."""
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
     for swap in swaps:
         left, right = limb_columns(keypoints.joint_set, swap.limb)
@@ -284,9 +284,9 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictio
 def _against_views(
     a: np.ndarray, b: np.ndarray, predictions: Predictions, left: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """Return (C, F, 2) costs of labelled and swapped states, from Mahalanobis distances.
+    """Return (C, F, 2) costs of labelled and swapped states: Mahalanobis distances from the predictions.
 
-    Both sides use the mean of their covariances, so that an uncertain side gets no advantage.
+    Left and right use the mean of their covariances, so that an uncertain side gets no advantage.
     """
     px, covariance = predictions.px, predictions.covariance
     spread = 0.5 * (covariance[:, :, left] + covariance[:, :, right])
@@ -301,7 +301,7 @@ def _against_views(
 
 
 def _over_time(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2, 2) costs of the states of consecutive frames, from the movement relative to the usual one."""
+    """Return transition costs (C, F, 2, 2) between consecutive frames, from movement relative to the usual one."""
     steps = np.abs(np.diff(np.concatenate([a, b], axis=2), axis=1))
     scale = np.fmax(quantile(steps, 0.5, axis=(1, 2, 3)), 1.0)[:, None, None, None]
 
@@ -316,7 +316,6 @@ def _over_time(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _compared(kept: Sequence[np.ndarray], crossed: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the costs of the labelled and the swapped state, summed over common keypoints."""
     known = [np.isfinite(one) & np.isfinite(other) for one, other in zip(kept, crossed, strict=True)]
     return [
         sum((np.where(k, cost, 0.0).sum(-1) for cost, k in zip(costs, known, strict=True)), np.zeros(1))
@@ -358,10 +357,10 @@ def _again(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulatio
 def exclude_bystanders(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
 ) -> CheckedViews[ViewRange]:
-    """Exclude detections in frames in which a view shows a passer-by, and views that are unrelated to all others.
+    """Exclude detections of passers-by, and views that are unrelated to all others.
 
     As many views, or more, may agree on a passer-by as on the person. Tracks in space and in each view identify the
-    person (see ``follow_people``). A view is kept in frames without another view.
+    person (see ``follow_people``). If only one view has a detection in a frame, it is kept.
     """
     least, unchanged = BRIEF_S * keypoints.fps, CheckedViews[ViewRange](keypoints, triangulation, ())
     if len(cameras) < 3 or not inconsistent_ranges(triangulation, keypoints.confidence, 0.5 * least):

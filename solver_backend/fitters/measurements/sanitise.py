@@ -108,7 +108,6 @@ def check_capture(
 
 
 def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault]) -> list[Keypoints2D]:
-    """Return the detections of the other people, with the same views excluded and the same faults repaired."""
     cameras, chosen = capture.require_multiview()
     seeing = (chosen.confidence > 0).any(axis=(1, 2))[:, None, None]
     others: list[Keypoints2D] = []
@@ -126,7 +125,6 @@ def _in_time(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, others: Sequence[Keypoints2D], every: bool,
     progress: Progress,
 ) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:  # fmt: skip
-    """Correct the delays of late cameras, or of ``every`` camera. Return diagnostics too."""
     reach = min(reach_frames(keypoints.fps), keypoints.num_frames // 3)
     limbs = limb_keypoints(keypoints.joint_set)
     xy = np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2)

@@ -117,7 +117,6 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
 
 
 def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:
-    """Shift the cameras, and exclude cameras without a reliable start."""
     late = numbered - found.offsets
     moved = _shifts(detections, late - late[0])
     values: dict[str, Any] = {"starts": [f"{name} {abs(by)} frames {way}" for name, (by, way) in moved.items()]}
@@ -146,7 +145,7 @@ def _aligned(detections: Detections, offsets: np.ndarray, options: ReadOptions, 
 
 
 def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray:
-    """Return the (C,) delays in frames that the user gives, 0 for the other cameras."""
+    """Return the (C,) delays in frames that the user gives. Cameras without a given delay have 0."""
     late = np.zeros(len(cameras), int)
     keys = [name_key(name) for name in cameras]
     for name, frames in offsets_by_camera(texts).items():
@@ -158,7 +157,7 @@ def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray:
 
 
 def _shifts(detections: Detections, late: np.ndarray) -> dict[str, tuple[int, str]]:
-    """Return the delay in frames and its direction of each camera that is not in step with the first one."""
+    """Return the delay in frames and its direction, for each camera that starts before or after the first one."""
     delays = zip(detections.cameras, late.tolist(), strict=True)
     return {name: (by, "later" if by > 0 else "earlier") for name, by in delays if by}
 
@@ -197,7 +196,7 @@ def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
 
 @dataclass(frozen=True)
 class Agreeing:
-    """Calibration and detections after the corrections."""
+    """Calibration and detections after the corrections so far."""
 
     calibration: Calibration
     in_time: InTime  # Detections with simultaneous rows.
@@ -207,15 +206,15 @@ class Agreeing:
 
     @property
     def detections(self) -> Detections:
-        """Detections so far."""
+        """Detections after the corrections so far."""
         return self.in_time.detections
 
     def with_detections(self, detections: Detections) -> Agreeing:
-        """Replace the detections."""
+        """Return a copy of this object with other detections."""
         return replace(self, in_time=replace(self.in_time, detections=detections))
 
     def report(self, *problems: Diagnostic) -> Agreeing:
-        """Add problems."""
+        """Return a copy of this object with additional problems."""
         return replace(self, problems=(*self.problems, *problems))
 
     def in_file(self, options: ReadOptions) -> Cameras:
@@ -224,7 +223,7 @@ class Agreeing:
         return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
 
     def explained(self, options: ReadOptions) -> Explanation:
-        """Explain the views by the largest person in each. Reject a change if all people agree less with it."""
+        """Find the best interpretation of each view's largest person, unless all people agree less with it."""
         cameras, seen = self.in_file(options), self.detections
         found = explain(cameras, seen, names_stated=bool(options.camera or options.offset))
         if found.changed and (seen.people() > 1).any():  # the largest person may differ between the views
@@ -235,7 +234,7 @@ class Agreeing:
         return found
 
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> Agreeing:
-        """Resample the detections by (C,) ratios to the frame rate of the take, which is assumed if ``is_open``."""
+        """Resample by (C,) camera frames per frame of the take. With ``is_open``, the take's rate is a guess."""
         if (ratios == 1).all():
             return self
         names = self.detections.cameras
@@ -247,7 +246,7 @@ class Agreeing:
         return resampled.with_detections(at_one_rate(self.detections, ratios.tolist())).report(problem)
 
     def read(self, reading: Reading, options: ReadOptions) -> Agreeing:
-        """Apply a reading to calibration and detections."""
+        """Correct the calibration and the detections as an interpretation requires."""
         if reading == Reading.as_written(len(reading.owners)):
             return self
         cameras, detections = apply_reading(self.in_file(options), self.detections, reading)
@@ -258,7 +257,7 @@ class Agreeing:
         return replace(self, calibration=calibration).with_detections(detections)
 
     def apply(self, found: Explanation, options: ReadOptions) -> Agreeing:
-        """Apply an explanation, and report it."""
+        """Apply the interpretation of an explanation, and report the corrections or open alternatives."""
         if found.changed:  # delays below a frame are measured elsewhere
             in_step = replace(found.reading, late=Reading.as_written(len(found.reading.late)).late)
             return self.read(in_step, options).report(*_report(self.detections.cameras, found))
@@ -272,9 +271,9 @@ def bring_to_agreement(
 ) -> Agreeing:
     """Correct all disagreements between calibration and detections that a hypothesis explains.
 
-    The rows are first explained as synchronous. If the views do not agree, or one camera is moved, late or unexplained,
-    the frame rates of the videos and other readings of all cameras are tried at all offsets. Offsets are estimated
-    last. A single deviating camera is then explained in synchronous rows.
+    First, frames with equal numbers are treated as simultaneous. If the views then do not agree, or one camera is
+    moved, late or unexplained, the frame rates of the videos and other interpretations of all files are tried at all
+    offsets. Offsets are estimated last. A single deviating camera is then explained in simultaneous frames.
 
     Args:
         detections: row 0 of each camera is its own first frame.

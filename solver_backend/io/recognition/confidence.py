@@ -51,7 +51,7 @@ def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) position that a program wrote for undetected keypoints (..., K, 2), or None."""
+    """Find the (2,) position that a program wrote for undetected keypoints (..., K, 2), or return None."""
     count = confidence.shape[-1]
     points, seen = xy.reshape(-1, count, 2), confidence.reshape(-1, count) > 0
     seen &= np.isfinite(points).all(-1)
@@ -71,7 +71,7 @@ _LARGEST = 2.0  # Largest fraction of an image size. No person is two pixels lar
 
 
 def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
-    """Convert detections in fractions of the (C, 2) image sizes to pixels. Pixels do not change.
+    """Convert detections that are fractions of the image sizes (C, 2) to pixels. Others are pixels already.
 
     Fractions are measured from the corner, or from the centre with -1 and 1 at the edges.
     """

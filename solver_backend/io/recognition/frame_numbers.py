@@ -17,7 +17,7 @@ _SPARSEST = 100  # Smallest range of time stamps per file.
 
 
 def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
-    """Read the frame number of each file of one camera from the file names without suffix.
+    """Extract the frame numbers from one camera's file names (without suffix).
 
     Names may contain other numbers (``cam01.0012``, ``take2_cam1_000012_keypoints``). The frame number is the last
     number that differs between all files.
@@ -52,7 +52,7 @@ def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
 
 
 def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
-    """Return the (N,) frame numbers of each camera if one counter numbered the images of all cameras, or None.
+    """Return the (N,) frame numbers of each camera if a single counter numbered all images, otherwise None.
 
     Such a counter gives the first of four cameras the numbers 0, 4, 8 ..., and the second camera 1, 5, 9 ....
     """

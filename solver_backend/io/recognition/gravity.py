@@ -61,7 +61,6 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
 
 @cache
 def _ankle_to_sole_m() -> float:
-    """Return the horizontal distance in metres from the ankle to the middle of the sole of the mean body."""
     body, names = load_body(), JointSet.BODY_25.keypoints
     rest = rest_keypoints(body, keypoint_landmarks(body, JointSet.BODY_25), np.zeros(10))
     ankle, heel, toe = (rest[names.index(f"left_{part}"), 2] for part in ("ankle", "heel", "big_toe"))
@@ -69,10 +68,10 @@ def _ankle_to_sole_m() -> float:
 
 
 def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "frames 3"]:
-    """Return the slopes (F, 3) of the line from the support to the centre of mass of a standing person.
+    """Return the slopes (F, 3) of the line from the support to the centre of mass, in frames with a standing person.
 
-    The support is the lower foot. If the other foot is nearly as low, given the uncertainty of up, the support is the
-    point between the feet that is nearest to the centre of mass.
+    The support is the lower foot. If the other foot is nearly as low, given the uncertainty of the up direction, the
+    support is the point between the feet that is nearest to the centre of mass.
     """
     level, (left, right) = np.eye(3) - np.outer(up, up), body.feet
     left_lower = ((left - right) @ up < 0)[:, None]
@@ -88,7 +87,7 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"]) -> Float[np.ndarra
 
 
 def mean_variance(values: Float[np.ndarray, "frames axes"]) -> float:
-    """Return the variance per axis of the mean of correlated values (F, A), from the means of time blocks."""
+    """Estimate the variance per axis of the mean of (F, A) values that are correlated over time."""
     means = np.array([part.mean(axis=0) for part in np.array_split(values, min(BLOCKS, len(values)))])
     return float(means.var(axis=0, ddof=1).mean() / len(means))
 
@@ -107,7 +106,7 @@ _Z = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Witness:
-    """Normal distribution of ``u``, where ``(u, 1)`` is the up direction in a person's world, from one source."""
+    """Up direction ``(u, 1)`` from one source, as a normal distribution of ``u`` in a person's world."""
 
     precision: Float[np.ndarray, "2 2"]  # Inverse covariance.
     weighted: Float[np.ndarray, " 2"]  # Precision times mean.
@@ -137,7 +136,7 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
 
     * the direction from the ankles to the shoulders of a person at full height
     * the centre of mass, which is on average above its support
-    * a plane under the feet, with an offset for each foot keypoint, below which noise places 15 % of its heights
+    * a plane under the feet, with its own height for each foot keypoint, and 15 % of the points below it due to noise
 
     The floor has more weight if the person walks farther, and the balance if the person stays in one place.
 
@@ -190,9 +189,9 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
 
 
 def _balance(body: BalancePoints, R: np.ndarray) -> tuple[Witness, float]:
-    """Return the up direction from the mean lean in the world after ``R``, and the deviation of the lean per axis.
+    """Estimate the up direction from the mean lean of the person. Return the deviation of the lean per axis too.
 
-    The precision is 0 if the person is rarely on the feet.
+    The up direction is in the world after ``R``. Its precision is 0 if the person rarely stands.
     """
     lean = (leaning(body, R[2]) @ R.T)[:, :2] if len(body.centre) > MIN_POINTS else np.empty((0, 2))
     if len(lean) <= max(MIN_POINTS, len(body.centre) // 2):
@@ -205,9 +204,10 @@ def _balance(body: BalancePoints, R: np.ndarray) -> tuple[Witness, float]:
 
 
 def _floor(feet: np.ndarray, kind: np.ndarray, weight: np.ndarray, alike: float) -> tuple[Witness, np.ndarray]:
-    """Return the up direction from a plane under N foot points, and their new weights in the quantile regression.
+    """Estimate the up direction from a plane under N foot points. Return new weights for the quantile regression.
 
-    Each of the (N,) kinds of keypoints has its own height above the plane. ``alike`` points have correlated errors.
+    Each kind of keypoint has its own height above the plane. ``alike`` points count as one, because their errors are
+    correlated.
     """
 
     def centred(weight: np.ndarray) -> np.ndarray:
@@ -229,7 +229,7 @@ def foot_keypoints(joint_set: JointSet) -> list[int]:
 
 
 def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> float:
-    """Estimate the height of the floor under an upright person's feet, metres."""
+    """Estimate the height in metres of the floor under an upright person's feet."""
     kinds = foot_keypoints(joint_set)
     heights = points[:, kinds, 2]
     low = np.full(len(kinds), np.nan)
@@ -278,7 +278,7 @@ class Level:
 
     @property
     def could_be_tilted(self) -> bool:
-        """True if the tilt exceeds the usual tilt and its uncertainty."""
+        """True if the tilt is larger than usual, and larger than its uncertainty."""
         return self.tilt > max(TILT_SIGMA, 2.0 * self.sigma)
 
     @property
@@ -308,7 +308,7 @@ def measure_level(
 
 
 def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
-    """Combine the up direction of the person with the roll of the cameras. Return its RMS error in radians too.
+    """Combine the up direction of the person with the roll of the cameras. Return the RMS error in radians too.
 
     The horizontal axis ``(h, v)`` of a level image satisfies ``h · u + v = 0``, with up ``(u, 1)`` in the person's
     world. Cameras that roll far beyond ``TILT_SIGMA`` get a low weight.
@@ -325,9 +325,10 @@ def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) -> float:
-    """Return the decrease of the sum of squared camera rolls (in ``TILT_SIGMA``) from the up direction Z to ``up``.
+    """Return how much the sum of squared camera rolls decreases if up is ``up`` instead of Z.
 
-    A roll counts up to ``SIGMAS``, so that a single rolled camera does not decide.
+    Rolls are in units of ``TILT_SIGMA``. A roll counts up to ``SIGMAS``, so that a single rolled camera does not
+    decide.
     """
 
     def rolls(direction: np.ndarray) -> np.ndarray:

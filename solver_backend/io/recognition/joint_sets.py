@@ -30,7 +30,7 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
     """Check that the given joint set has this number of keypoints. Without a set, check that any set has it.
 
     Raises:
-        KeypointCountMismatch: it does not. The message lists the sets with this number.
+        KeypointCountMismatch: the number differs. The message lists the sets with this number.
     """
     if num_keypoints in given.num_written if given else JointSet.fitting(num_keypoints):
         return
@@ -102,7 +102,7 @@ def recognise_joint_set(
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
-    """Return the median over people of the RMS bone length relative to the height in the image, else infinity."""
+    """Return the RMS bone length relative to the height in the image (median over people), infinity if unknown."""
     names = joint_set.keypoints
     pairs = {(a.format(s=side), b.format(s=side)) for a, b in _BONES for side in ("left", "right")}
     known_pairs = [(names.index(a), names.index(b)) for a, b in sorted(pairs) if a in names and b in names]

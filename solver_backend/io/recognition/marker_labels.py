@@ -81,8 +81,8 @@ def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
 def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
     """Return ``Subject:name`` of each label if the pattern separates several people with the same body markers.
 
-    All people must have at least half of the landmarks of the person with the fewest. Parts of one person under several
-    names have no common landmark.
+    If it does not, return an empty dictionary. The people must have at least half as many landmarks in common as the
+    person with the fewest has. Parts of one person under several names have no landmark in common.
     """
     groups: dict[str, dict[str, str]] = {}
     for label in labels:

@@ -81,7 +81,7 @@ class Recognised:
 
     @property
     def metres(self) -> float:
-        """Metres per unit."""
+        """Metres per length unit of the file."""
         return METRES[self.name]
 
 
@@ -129,9 +129,9 @@ def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognis
 
 
 def _standing_along(positions: np.ndarray, raised: np.ndarray | None) -> str | None:
-    """Return the signed axis from feet to head along which the body is clearly longest.
+    """Return the signed axis from feet to head along which the body is clearly longest, otherwise None.
 
-    Without labelled body parts, this is an axis of the box around all markers. The feet are at its end near 0.
+    Without labelled body parts, this is an axis of the box around all markers. The feet are at the end near 0.
     """
     if raised is not None:
         up = quantile(raised, 0.5, 0, "nearest")
@@ -179,7 +179,7 @@ def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:
 
 
 def metres_in(unit: str) -> float:
-    """Return the metres per unit.
+    """Return the number of metres in a length unit.
 
     Raises:
         JobInvalid: the unit is unknown.

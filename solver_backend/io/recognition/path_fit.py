@@ -32,8 +32,8 @@ def fit_path(
 ) -> tuple[Cameras, Diagnostic]:
     """Place a moving camera in a world with Z up and the floor under the person. Return a diagnostic too.
 
-    The up direction comes from the view lifter, and the scale and the slope of the floor from standing feet. An up
-    direction and metres in the file of the path are kept. A stature of 0 means an average adult.
+    The up direction comes from lifting the person to 3D. The scale and the slope of the floor come from standing feet.
+    An up direction or metres in the path's file have priority. A stature of 0 means an average adult.
     """
     body = load_body()
     landmarks = keypoint_landmarks(body, keypoints.joint_set)
@@ -76,7 +76,6 @@ def fit_path(
 
 
 def _mean_up(lifted: LiftedTake, turns: np.ndarray) -> np.ndarray:
-    """Return the sum (3,) of the lifter's up directions after (F, 3, 3) rotations, weighted by confidence."""
     weight = lifted.confidence.sum(axis=1)
     return np.einsum("f,fab,fb->a", weight, turns, lifted.view.up)
 
@@ -84,10 +83,11 @@ def _mean_up(lifted: LiftedTake, turns: np.ndarray) -> np.ndarray:
 def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: float) -> tuple[float, float]:
     """Estimate the metres per unit of a camera path from standing feet, and the relative standard deviation.
 
-    The scale s minimises ``Σ_f min_j Σ_k ρ(|Δp_jk + s Δc| / Δt)`` over the points p_jk of foot j and camera positions
-    c, with the function ρ of Geman and McClure, because a walking person always has a standing foot. Its points only
-    creep forwards, so a wide ρ, or only the slowest point, would underestimate s. A static camera gets the scale 1 with
-    an infinite deviation.
+    The scale s minimises ``Σ_f min_j Σ_k ρ(|Δp_jk + s Δc| / Δt)``. Here Δ is the change after a time Δt from frame f,
+    p_jk is point k of foot j, c is the camera position, and ρ is the function of Geman and McClure. The minimum over
+    the feet is used because a walking person always has a standing foot. The points of this foot only creep forwards,
+    so a wide ρ, or only the slowest point, would underestimate s. A static camera gets the scale 1 with an infinite
+    deviation.
 
     Args:
         feet: (F, K, 3) points of one foot, then of the other, relative to the camera in world axes, metres, NaN where

@@ -126,7 +126,7 @@ def scale_from_length(
 
 
 def _linear(of: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (N,) values of the mean body shape, and their (N, 10) derivative by the betas."""
+    """Linearise a function of the betas. Return (N,) values for the mean body shape and (N, 10) derivatives."""
     return of(np.zeros(10)), np.stack([(of(e) - of(-e)) / 2 for e in np.eye(10)], axis=-1)
 
 
@@ -143,7 +143,7 @@ _UNITS = ("m", "cm", "mm", "inch")
 
 
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
-    """Return the calibration in a unit with a possible stature, and a factor of all lengths.
+    """Return the calibration in a unit that makes the stature possible, and a factor of all lengths.
 
     The unit changes only if it was guessed from the distances between cameras, and never with ``keep``. If no unit
     fits, the factor makes the person an average adult. Otherwise it is 1.

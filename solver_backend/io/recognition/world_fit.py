@@ -49,7 +49,7 @@ def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 @dataclass(frozen=True)
 class WorldCheck:
-    """Measurements of a triangulated person, NaN where unknown."""
+    """Measurements of a triangulated person that show if the world is plausible, NaN where unknown."""
 
     points: np.ndarray  # (F, K, 3) keypoints in the sampled frames, metres.
     joint_set: JointSet  # Joint set of the keypoints.
@@ -263,20 +263,20 @@ def _level(
 
 
 def _least_rolled(R: np.ndarray, rolls: Sequence[int], up: np.ndarray) -> np.ndarray:
-    """Return the rotations of the recorded or the calibrated images, whichever are more upright."""
+    """Return the camera rotations for the recorded or for the calibrated images, whichever roll less."""
     both = (R, unrolled(R, rolls)) if any(rolls) and np.isfinite(up).all() else (R,)
     return max(both, key=lambda rotations: roll_gain(rotations, up))
 
 
 def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:
-    """Transform both to the world ``x' = turn x - (0, 0, floor)``."""
+    """Transform the cameras and the person to the world ``x' = turn x - (0, 0, floor)``."""
     R = cameras.R @ turn.T
     world = replace(world, points=world.points @ turn.T - (0.0, 0.0, floor_m))
     return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world
 
 
 def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> WorldFit:
-    """Keep the camera's world, or use the person's world if the person would not be upright."""
+    """Keep the camera's world if the person is upright in it. Otherwise use the person's world."""
     check = check_world(camera, keypoints)
     if settings.camera_path or camera.path is not None:
         return _fit_carried_camera(camera, keypoints, settings, check)

@@ -16,7 +16,7 @@ from solver_backend.io.files import read_json
 
 
 def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Smooth (N, ...) values with a Gaussian of ``sigma`` samples. Values are NaN where less than half is known."""
+    """Smooth (N, ...) values with a Gaussian of ``sigma`` samples. Return NaN where over half is unknown nearby."""
     reach = max(round(3 * sigma), 1)
     kernel, known = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2), np.isfinite(values)
 
@@ -34,7 +34,7 @@ class SyncUnknown(MocapError):
 
 @dataclass(frozen=True)
 class Clocks:
-    """Clocks of C cameras. A time t is ``t + offset_c + rate_c (t - t0)`` in the video of camera c.
+    """Clocks of C cameras. Time t of the first camera is ``t + offset_c + rate_c (t - t0)`` in the video of camera c.
 
     The clock of a video starts at its first image. The first camera is the reference, with offset and rate 0.
     """
@@ -77,7 +77,7 @@ class Clocks:
         )  # fmt: skip
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain values for a file."""
+        """Return the clocks as plain values for a JSON file."""
         return {
             "cameras": list(self.names), "offset_s": self.offset_s.tolist(), "rate": self.rate.tolist(),
             "covariance": self.covariance.tolist(), "middle_s": self.middle_s, "method": self.method,

@@ -170,7 +170,7 @@ def synchronise(
 
 
 def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Estimate the clocks from the main person, with the calibration if there is one.
+    """Estimate the clocks from the main person's keypoints, and from the calibration unless it is None.
 
     Raises:
         SyncUnknown: no person moves enough, or the views do not agree.
