@@ -31,6 +31,11 @@ HELD_OUT = (
 """Subject, file under ``motion_cmu`` and first frame: walks over obstacles, exercises, dance and cartwheels, fights.
 The lifter is not trained on these subjects."""
 JUMPS = ("asfamc/49_02", "asfamc/49_06", "asfamc/49_11")  # Takes that leave the floor for a part of the time.
+ON_LEVEL_FLOOR = (
+    ("49", "asfamc/49_01", 0), ("49", "asfamc/49_01", 40),
+    *(clip for clip in HELD_OUT if clip[0] != "03" and clip[1] not in JUMPS),
+)  # fmt: skip
+"""Held-out takes on a level floor, in the same form. Subject 03 walks over obstacles and slides on a level floor."""
 UNSEEN_CLASS = (
     ("indian", "far/indian_07", 60), ("indian", "far/indian_08", 100), ("indian", "far/indian_13", 60),
     ("indian", "far/indian_15", 60),
