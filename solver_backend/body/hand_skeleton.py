@@ -192,7 +192,7 @@ class HandSkeleton:
         return np.where(kind == FLEXION, -before[..., 2], turned)
 
     def sites(self, posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3"]:
-        """Return the (F, L, 3) positions of points on the posed hand, in metres in hand axes."""
+        """Return the (F, L, 3) positions of the sites on the posed hand, in metres, in the hand's axes."""
         origins = posed.joints[:, sites.finger, np.maximum(sites.segment - 1, 0)]
         origins = np.where((sites.segment == 0)[:, None], 0.0, origins)
         return origins + (site_frames(posed, sites) @ sites.offset[..., None])[..., 0]

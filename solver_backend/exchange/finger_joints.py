@@ -38,7 +38,7 @@ def with_finger_joints(
     The head takes over the weights of SMPL-X's jaw and eyes.
 
     Args:
-        hands: arrays from ``HANDS_FILE`` if needed.
+        hands: arrays from ``HANDS_FILE``, or None if the body has fingers (see ``needs_hands_file``).
 
     Raises:
         BodyInvalid: the body has no fingers, and the hands file is for another body.

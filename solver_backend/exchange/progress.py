@@ -68,7 +68,7 @@ class _Paced:
 
 
 class ConsoleProgress(_Paced):
-    """Draws one updating line per stage on a terminal, or one line per stage otherwise."""
+    """Progress display with one line per stage. On a terminal the line updates in place, elsewhere it is printed once."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Draw the progress bar of the stage."""

@@ -249,7 +249,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
 
 @base.operator("Test Detector", options=base.INTERNAL)
 def test_detector(self: Any, context: bpy.types.Context) -> str | set[str]:
-    """Start the detector's Python and report its versions, without installing anything."""
+    """Check that the detector starts, and show its versions. This installs nothing."""
     from ...backend_environment import included_wheels
 
     if uses_included(context):

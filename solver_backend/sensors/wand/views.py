@@ -285,7 +285,7 @@ class Coverage:
         self.pictures = np.zeros((len(self.names), ROWS, COLUMNS), dtype=np.int64)
 
     def add(self, px: Float[np.ndarray, "views moments 2"], at: Float[np.ndarray, "moments 3"] | None = None) -> None:
-        """Count the wand's pixels (C, M, 2) per image cell and its positions (M, 3), if known, per volume cell."""
+        """Count the wand's image points per image cell, and its positions ``at``, if given, per volume cell."""
         view, moment = np.nonzero(np.isfinite(px).all(-1))
         share = px[view, moment] / self.size_px[view]
         cell = np.clip((share * [COLUMNS, ROWS]).astype(int), 0, [COLUMNS - 1, ROWS - 1])
