@@ -16,6 +16,7 @@ from solver_backend.agreement.evidence import (
     SAMPLED_FRAMES,
     SIGMAS,
     STRIDE,
+    UNRELATED_NOISE,
     count_in_bins,
     epipolar_distances,
     fit_noise,
@@ -190,7 +191,8 @@ def estimate_delays(
     (delay, drift), (sigma, drift_sigma) = _refine(cameras, tracks, frames, lags, sigma_px, rate_sigma, progress)
     confirmed = moving.copy()
     if rate_sigma is None:
-        compared, seeing = shared[sample(len(shared), FRAMES)], cameras.subset(np.flatnonzero(moving).tolist())
+        compared = shared[np.linspace(0, len(shared) - 1, min(FRAMES, len(shared))).round().astype(int)]
+        seeing = cameras.subset(np.flatnonzero(moving).tolist())
         late = delay[:, None] + drift[:, None] * place_in_take(compared, num_frames)
         late = np.where(beyond[:, None], 0.0, late)[moving]
         confirmed[moving] = _beats_in_step(seeing, tracks[moving], compared, late)
@@ -225,7 +227,12 @@ def _beats_in_step(cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, lat
         """Return signed distances (N, K) in person sizes, minus each keypoint's constant offset."""
         first, second = ((cameras.R[view], cameras.t[view]) for view in (i, j))
         found = epipolar_distances(first, second, *one, *other)
-        return found - quantile(found, 0.5, axis=0)
+        known = np.isfinite(found)
+        value, weight, centre = np.where(known, found, 0.0), known.astype(float), np.zeros(found.shape[1])
+        for _ in range(3):
+            centre = (weight * value).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-9)
+            weight = known / (1.0 + ((value - centre) / UNRELATED_NOISE) ** 2)
+        return found - centre
 
     count, late = len(late), late - _median(late.mean(axis=1))
     shown = np.isfinite(tracks[..., 0]).any(-1)[:, frames]
