@@ -68,7 +68,7 @@ class _Paced:
 
 
 class ConsoleProgress(_Paced):
-    """Progress display with one line per stage. On a terminal the line updates in place, elsewhere it is printed once."""
+    """Progress display with one line per stage. On a terminal, this line is updated in place."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Draw the progress bar of the stage."""
