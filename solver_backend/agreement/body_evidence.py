@@ -115,7 +115,7 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
 
 
 def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
-    """Return the log-likelihood that bones (bones, P) have constant lengths, and lengths per independent length."""
+    """Return the log-likelihood that bone lengths are constant, and how many lengths count as one observation."""
     counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
     noise = fit_noise(counts, MOVED)
     z = evidence.per_pose(np.nan_to_num(np.clip(off / noise.sigma[0], -3, 3)), 1)

@@ -71,7 +71,7 @@ class ComparedViews:
         return cls(cameras.subset(chosen.tolist()), xy)
 
     def fit(self) -> EpipolarFit | None:
-        """Fit the focal length factor and the rotations. Return None if no views compare or the fit diverges."""
+        """Fit the focal length factor and the rotations. Return None without common keypoints, or if it diverges."""
         precision = np.r_[SPREAD, np.full(3 * len(self.cameras), USUAL_SIGMA_SHARE)] ** -2.0
         x, share = np.zeros(len(precision)), min(1.0, BLOCKS / self.xy.shape[1])  # successive frames have equal errors
         for _ in range(MOST_ROUNDS):
@@ -123,7 +123,7 @@ class ComparedViews:
 
     @cached_property
     def _off_epipoles(self) -> np.ndarray:
-        """(C, C, F, J) mask of keypoints of two views that are not near an epipole, where lines are undefined."""
+        """(C, C, F, J) mask of keypoints, for each pair of views, that are far enough from the epipoles."""
         ways = unit(np.stack([rays for rays, _ in self._rays(0.0)]) @ self.cameras.R[:, None])
         base = unit(self.cameras.centres[:, None] - self.cameras.centres)
         along = np.square(np.einsum("cfjd,ced->cefj", ways, base))

@@ -38,7 +38,7 @@ BINS = len(CENTRES)
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of N sets of distances. Each set has a normal distribution with uniform outliers."""
+    """Noise of N sets of distances. The model is normal errors with uniform outliers."""
 
     density: np.ndarray  # (N,) mean log density of a distance, nats.
     sigma: np.ndarray  # (N,) standard deviation.
@@ -136,7 +136,7 @@ class ViewRays:
 
 
 class TakeEvidence:
-    """Epipolar distances between views, for any interpretation of a take's files. View pairs are cached."""
+    """Epipolar distances between views, for any interpretation of a take's files. Results of pairs are cached."""
 
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
         """Choose the frames of C views to compare. Only the largest person in each image is compared."""

@@ -64,7 +64,7 @@ class Applied:
 
 @dataclass(frozen=True)
 class Scored:
-    """Interpretation with its likelihood."""
+    """Interpretation with its likelihood, its cost and the plausibility of the body."""
 
     reading: Reading
     epipolar: float  # Log-likelihood ratio relative to unrelated views, nats.
@@ -146,7 +146,7 @@ class _Search:
         return [candidate for key in asked for candidate in self._proposed[key]]
 
     def search(self) -> list[Reading]:
-        """Return interpretations, the most likely first. Change all cameras first, and then single cameras."""
+        """Search for corrections of all cameras, then of single cameras. Return the most likely one first."""
         self.quick.suspects = self.scout.suspects = self._suspects()
         everybody = len(self.quick.suspects) == self.quick.views
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
@@ -291,9 +291,9 @@ def _exchange_sides(reading: Reading) -> Reading:
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
     """Find the calibrated camera of each recorded camera, by comparing the views.
 
-    Return None if no assignment, or more than one, fits. A ring of equal cameras looks the same after a rotation. If
-    several assignments fit, ``by_order`` is used if it is one of them. It follows the numbers in the names
-    (``counted_order``).
+    Return None if no assignment fits, or if several do. A ring of equal cameras looks the same after a rotation, so
+    that several assignments fit. The assignment ``by_order`` of numbered names (``counted_order``) then wins if it
+    fits.
     """
     count, total = len(detections.cameras), len(calibrated)
     if not LEAST_CAMERAS <= count <= total or perm(total, count) > perm(EACH, EACH):

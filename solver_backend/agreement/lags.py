@@ -40,7 +40,7 @@ counts as an alternative. Frames match except for the outliers.
 
 
 def offset_profile(tables: Tables, camera: int, others: dict[int, int]) -> np.ndarray:
-    """Return the total gains of a camera at offsets from -2 R to 2 R, given the offsets of other cameras."""
+    """Return the total gains (4 R + 1,) of a camera at offsets -2 R to 2 R, given the offsets of other cameras."""
     reach = len(next(iter(tables.values()))) // 2
     total = np.zeros(4 * reach + 1)
     for other, offset in others.items():
@@ -186,7 +186,7 @@ class PeopleLags:
     possible: Tables  # Largest possible gains.
 
     def of_cameras(self, offsets: np.ndarray, among: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return each camera's gain (C,) over all pairs, or pairs in the mask ``among``, and its largest gain."""
+        """Return each camera's gain (C,) over all pairs, or pairs in the mask ``among``, and its possible gain."""
         found = np.zeros((2, len(offsets)))
         for (i, j), gains in self.gains.items():
             row = int(offsets[j] - offsets[i]) + len(gains) // 2

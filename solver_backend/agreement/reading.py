@@ -195,7 +195,7 @@ class Reading:
 
 
 def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) -> tuple[Cameras, Detections]:
-    """Correct A calibrated cameras and C views as an interpretation requires. Return C cameras and detections."""
+    """Apply an interpretation to A calibrated cameras. Return the corrected cameras and detections of C views."""
     read = corrected(
         cameras.subset(list(reading.owners)), [reading.correction(v) for v in range(len(reading.pictures))]
     )
@@ -253,7 +253,7 @@ def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
 
 
 def unturn(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
-    """Convert (..., 2) pixels of images after ``turn`` clockwise rotations by 90 degrees to original pixels."""
+    """Undo ``turn`` clockwise rotations of an image by 90 degrees: convert (..., 2) pixels to original pixels."""
     (width, height), u, v = size.tolist(), xy[..., 0], xy[..., 1]
     before = ((u, v), (v, height - 1 - u), (width - 1 - u, height - 1 - v), (width - 1 - v, u))[turn]
     return np.stack(before, axis=-1)

@@ -23,8 +23,8 @@ LEAST_REPEATED = 1.0  # Percentage of repeated frames that is reported. Fewer ar
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
     """Return a (C, F) mask of frames that exactly repeat the previous frame.
 
-    A run of equal frames counts if the view moves in the step after the run. At the take's end, the step before it
-    counts.
+    A run of equal frames counts if the view moves in the step after the run. At the end of the take, it must move in
+    the step before the run.
     """
     xy, seen = keypoints.xy, keypoints.confidence > 0
     views, frames = seen.shape[:2]

@@ -74,7 +74,7 @@ class _Stance:
     def lies(self, heights: tuple[float, ...]) -> bool:
         """Return whether the person may be lying on a surface between these heights.
 
-        The apparent length is proportional to the distance between the camera's height and the surface.
+        The length of a lying person is proportional to the height of the camera above the surface.
         """
         rays, centre = self.rays(), self.camera.centres[0]
         ends = ([_at_height(ray, centre, height + ANKLE_M) for ray in rays] for height in heights)

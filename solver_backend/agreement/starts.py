@@ -77,7 +77,7 @@ def strength(cameras: Cameras, detections: Detections) -> float:
 
 
 def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None:
-    """Find a correction of all files with which the views match clearly best at some offsets, or return None."""
+    """Find a correction of all files with which shifted views match clearly best. Return None if none is clear."""
     count, written = len(cameras), Reading.as_written(len(cameras))
     if not 2 <= count <= EACH or not (detections.people() > 0).any(axis=1).all():
         return None
@@ -162,7 +162,7 @@ def _moments(detections: Detections, c: int, rate: float) -> np.ndarray:
 
 
 def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndarray) -> None:
-    """Interpolate camera c at times between two frames that show the same person, and write to ``result``."""
+    """Interpolate camera c between frames that show the same person. Write the keypoints into ``result``."""
     before = np.floor(at).astype(int)
     after = np.minimum(before + 1, detections.num_frames - 1)
     share = (at - before)[:, None, None, None]

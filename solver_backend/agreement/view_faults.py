@@ -41,13 +41,13 @@ class FrameSpan:
 
     @property
     def frames(self) -> slice:
-        """Frames as a slice."""
+        """Slice from the first to the last frame."""
         return slice(self.first, self.last + 1)
 
 
 @dataclass(frozen=True)
 class ViewRange(FrameSpan):
-    """Range of frames in a view."""
+    """Range of frames in one view."""
 
     view: int
 
@@ -183,8 +183,8 @@ def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view: int) -> bool:
 def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
     """Return the (..., F) states that minimise ``Σ_f u_f(s_f) + Σ_f T_f(s_{f-1}, s_f)`` (Viterbi 1967).
 
-    The costs u (..., F, 2) are of each state. T (..., F, 2, 2) are of transitions from the previous frame's state.
-    State 0 wins if both have equal costs.
+    The costs are u (..., F, 2) for each state, and T (..., F, 2, 2) for each transition from the previous frame's
+    state. State 0 wins if both have equal costs.
     """
     cost, before = unary[..., 0, :], list[np.ndarray]()
     for f in range(1, unary.shape[-2]):
@@ -360,7 +360,7 @@ def exclude_bystanders(
     """Exclude detections of passers-by, and views that are unrelated to all others.
 
     As many views, or more, may agree on a passer-by as on the person. Tracks in space and in each view identify the
-    person (see ``follow_people``). If only one view has a detection in a frame, it is kept.
+    person (see ``follow_people``). If only one view has a detection in a frame, that detection is kept.
     """
     least, unchanged = BRIEF_S * keypoints.fps, CheckedViews[ViewRange](keypoints, triangulation, ())
     if len(cameras) < 3 or not inconsistent_ranges(triangulation, keypoints.confidence, 0.5 * least):
