@@ -159,7 +159,7 @@ def select_people(
 
     The person to solve is chosen later. Notes and problems are attached to the first person, who is solved by default.
     A detection near two people is assigned to the better fit. A view that never shows two people is assigned to the
-    first one, because later checks need all its detections.
+    first person, because later checks need all its detections.
 
     Args and raises: as in ``follow_people``.
     """

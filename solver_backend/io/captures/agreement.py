@@ -223,7 +223,7 @@ class Agreeing:
         return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
 
     def explained(self, options: ReadOptions) -> Explanation:
-        """Find the best interpretation of each view's largest person, unless all people agree less with it."""
+        """Find the interpretation that fits each view's largest person, unless all people agree less with it."""
         cameras, seen = self.in_file(options), self.detections
         found = explain(cameras, seen, names_stated=bool(options.camera or options.offset))
         if found.changed and (seen.people() > 1).any():  # the largest person may differ between the views
@@ -234,7 +234,7 @@ class Agreeing:
         return found
 
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> Agreeing:
-        """Resample by (C,) camera frames per frame of the take. With ``is_open``, the take's rate is a guess."""
+        """Resample from (C,) relative camera rates to the take's rate. With ``is_open``, that rate is a guess."""
         if (ratios == 1).all():
             return self
         names = self.detections.cameras

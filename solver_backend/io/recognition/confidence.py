@@ -42,7 +42,7 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
 def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
     """Convert logarithms of confidences to confidences, if nearly all points have different negative values.
 
-    A repeated negative value only marks undetected points.
+    A negative value that many points have in common marks undetected points instead.
     """
     below, known = confidence[(confidence < 0) & written], written & np.isfinite(confidence)
     is_logarithm = len(below) >= max(FRAMES, _MOST * known.sum())

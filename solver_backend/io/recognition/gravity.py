@@ -112,7 +112,7 @@ class Witness:
     weighted: Float[np.ndarray, " 2"]  # Precision times mean.
 
     def gain(self, direction: np.ndarray, old: np.ndarray) -> float:
-        """Return the decrease of the squared Mahalanobis distance from an old up direction (3,) to a new one."""
+        """Return how much the squared Mahalanobis distance decreases if up is ``direction`` instead of ``old`` (3,)."""
         new, old = direction[:2], old[:2]
         return float(old @ self.precision @ old - new @ self.precision @ new - 2.0 * (old - new) @ self.weighted)
 
@@ -136,7 +136,7 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
 
     * the direction from the ankles to the shoulders of a person at full height
     * the centre of mass, which is on average above its support
-    * a plane under the feet, with its own height for each foot keypoint, and 15 % of the points below it due to noise
+    * a plane under the feet, at a separate height for each foot keypoint, with 15 % of the noisy points below it
 
     The floor has more weight if the person walks farther, and the balance if the person stays in one place.
 

@@ -151,9 +151,10 @@ def _standing_along(positions: np.ndarray, raised: np.ndarray | None) -> str | N
 def raised_part(
     positions: np.ndarray, labels: Sequence[str]
 ) -> tuple[np.ndarray | None, float, tuple[float, float, float]]:
-    """Return vectors (F, 3) between two labelled body parts, their median length, and its human range in metres.
+    """Return vectors (F, 3) between two labelled body parts, their median length, and its limits in humans, metres.
 
-    The vectors point upwards in a standing person. Without two labelled parts they are None, and the length is NaN.
+    The vectors point upwards in a standing person. Without two labelled parts the vectors are None, and the length is
+    NaN.
     """
     frames = positions[:: max(1, len(positions) // 500)]
     names = [re.sub(r"[^A-Z0-9]", "", label.rpartition(":")[2].upper()) for label in labels]
@@ -205,7 +206,7 @@ def unit_named(text: str) -> str | None:
 
 
 def spread(positions: np.ndarray) -> float:
-    """Return the median over frames of the longest side of the box around most markers, or NaN."""
+    """Return the longest side of the box around most markers (median over frames), NaN without markers."""
     frames = positions[:: max(1, len(positions) // 200)]
     sides = quantile(frames, 0.9, 1, "nearest") - quantile(frames, 0.1, 1, "nearest")
     return float(quantile(sides.max(axis=-1), 0.5, 0, "nearest"))
@@ -217,8 +218,8 @@ def find_unit(
     """Find the length unit of marker positions.
 
     The unit ``given`` by the user wins, then the unit of the file. The unit of the file is rejected if the marker
-    spread is outside ``SPREADS_M``, or if the labelled body parts have no human distance. Then the unit that gives a
-    human size is used.
+    spread is outside ``SPREADS_M``, or if the distance between labelled body parts is not human. Then the unit that
+    gives a human size is used.
 
     Args:
         positions: (F, M, 3) positions in the unit of the file.

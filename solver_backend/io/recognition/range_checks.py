@@ -79,7 +79,7 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
-    """Yield a problem for each lens whose distorted radius decreases within the image."""
+    """Yield a problem for each lens with a distorted radius that decreases within the image."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
     for c in np.flatnonzero(np.isfinite(limits)):
         K, size = cameras.K[c], cameras.image_size[c]

@@ -217,7 +217,7 @@ def fit_world(
     Args:
         cameras: C cameras in metres.
         up_axis: up axis from the user, which is final.
-        rolls: quarter turns from the calibrated to the recorded images. The upright images may be either of them.
+        rolls: quarter turns from the calibrated to the recorded images. Either of these images may be upright.
 
     Raises:
         NoDetections: levelling was requested, and no person is upright.

@@ -16,7 +16,7 @@ from solver_backend.io.files import read_json
 
 
 def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Smooth (N, ...) values with a Gaussian of ``sigma`` samples. Return NaN where over half is unknown nearby."""
+    """Smooth (N, ...) values with a Gaussian of ``sigma`` samples. Values with mostly unknown neighbours are NaN."""
     reach = max(round(3 * sigma), 1)
     kernel, known = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2), np.isfinite(values)
 
@@ -63,7 +63,7 @@ class Clocks:
         return self.middle_s + late / (1.0 + self.rate[camera])
 
     def notes(self) -> tuple[Diagnostic, ...]:
-        """Return notes on the other cameras' clocks, none if the cameras are used as recorded."""
+        """Return a note on each camera's clock except the first, or none if the videos are used as recorded."""
         if self.method == "as filmed":
             return ()
         sigma = np.sqrt(self.covariance[:, (0, 1), (0, 1)])
@@ -148,7 +148,7 @@ def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, f
 
 
 def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Interpolate values (F, ...) at ascending times to N other times. Return NaN beside a missing image."""
+    """Interpolate values (F, ...) at ascending times to N other times. Return NaN next to a missing image."""
     if len(times_s) < 2:
         return np.full((len(wanted_s), *values.shape[1:]), np.nan)
     after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)

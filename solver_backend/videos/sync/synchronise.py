@@ -50,7 +50,7 @@ def clocks_by_speeds(
 
 
 def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
-    """Return the upward speeds of the keypoints of the limbs in px/s, 0 where unknown."""
+    """Return the upward speeds of the limb keypoints in px/s, 0 where unknown."""
     columns = limb_keypoints(joint_set)
     wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * SPEED_RATE_HZ) + 1) / SPEED_RATE_HZ
     if len(wanted) < 2:
