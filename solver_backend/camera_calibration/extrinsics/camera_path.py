@@ -305,6 +305,7 @@ def _adjusted(camera: Cameras, poses: Poses, window: list[int], keys: list[int],
     """Adjust the poses of the keyframes in ``window``.
 
     The first keyframe stays fixed. If the window does not contain all keyframes, the second one stays fixed too.
+    Keyframes with fewer than ``FEWEST`` triangulated points keep their poses.
     """
     R, t = (np.stack([poses[key][part] for key in window]) for part in (0, 1))
     cameras = build_cameras([str(key) for key in window], [lens_of(camera, 0)] * len(window), R, t)
@@ -315,6 +316,9 @@ def _adjusted(camera: Cameras, poses: Poses, window: list[int], keys: list[int],
     px = np.where(kept[:, None], xy, np.nan)
     bodies, seen, _ = point_bodies(cameras, px, np.full(px.shape[:2], sigma_px))
     fixed = 1 if len(window) == len(poses) else 2
-    unknown = Unknowns(np.arange(len(window)) >= fixed)
+    free = (np.arange(len(window)) >= fixed) & (np.isfinite(px).all(-1).sum(axis=1) >= FEWEST)
+    if not free.any():
+        return {}
+    unknown = Unknowns(free)
     found = adjust(cameras, bodies, seen, unknown, steps=15, gauge=7, tolerance=1e-4)
     return {key: (found.cameras.R[n], found.cameras.t[n]) for n, key in enumerate(window)}

@@ -80,17 +80,17 @@ def test_a_path_is_found_in_pictures_of_a_room(style: str, tmp_path: Path) -> No
     assert error < 0.02 * walked
 
 
-def tracks(R: np.ndarray, t: np.ndarray, noise_px: float = 0.4) -> np.ndarray:
-    """Return (F, P, 2) tracks of points of a room, each for 30 frames, one of twenty adrift."""
+def tracks(R: np.ndarray, t: np.ndarray, noise_px: float = 0.4, life: int = 30) -> np.ndarray:
+    """Return (F, P, 2) tracks of points of a room, each for ``life`` frames, one of twenty adrift."""
     rng = np.random.default_rng(2)
     X = rng.uniform([-5, -5, 0], [5, 5, 3], (3600, 3))
     X[:1800, 1] = 5.0
     px = np.asarray(project(camera().carried(R, t), np.tile(X, (len(R), 1, 1))))[0]
     px = np.where(((px >= 0) & (px < [WIDTH, HEIGHT])).all(-1, keepdims=True), px, np.nan)
     px += noise_px * rng.normal(size=px.shape)
-    start = rng.integers(-20, len(R) - 8, px.shape[1])
+    start = rng.integers(10 - life, len(R) - 8, px.shape[1])
     number = np.arange(len(R))[:, None]
-    px = np.where(((number >= start) & (number < start + 30))[..., None], px, np.nan)
+    px = np.where(((number >= start) & (number < start + life))[..., None], px, np.nan)
     px[:, ::20] += 0.5 * number[..., None]
     return px[:, np.isfinite(px).all(-1).sum(axis=0) >= 8]
 
@@ -154,6 +154,16 @@ def test_a_camera_that_stops_after_its_walk_keeps_its_path(style: str, seed: int
     """Rays to a point that is tracked only while the camera stands meet anywhere."""
     R, t = with_a_stop(style, seed, 0, 40)
     found = estimate_path(camera(), Tracks.of(tracks(R, t)))
+    assert found is not None
+    centre, true = (-np.einsum("fba,fb->fa", *poses) for poses in ((found.R, found.t), (R, t)))
+    s, Q, q = umeyama(centre, true, with_scale=True)
+    assert np.linalg.norm(s * centre @ Q.T + q - true, axis=1).max() < 0.03
+
+
+def test_a_long_stop_before_points_that_stay_keeps_the_path() -> None:
+    """Few tracks start in motion and outlast the stop. They determine poses, but not an adjustment of the keyframes."""
+    R, t = with_a_stop("hand-held", 3, 0, 150)
+    found = estimate_path(camera(), Tracks.of(tracks(R, t, life=200)[:, ::4]))
     assert found is not None
     centre, true = (-np.einsum("fba,fb->fa", *poses) for poses in ((found.R, found.t), (R, t)))
     s, Q, q = umeyama(centre, true, with_scale=True)
