@@ -48,7 +48,7 @@ def test_focal_lengths_in_mm_are_refused_with_the_formula(tmp_path: Path) -> Non
     conventions.focal_in_mm(tmp_path, TAKE)
     with pytest.raises(CalibrationInvalid, match="may be in mm") as refused:
         read_calibration(tmp_path / "calibration" / "Calib.toml")
-    assert "sensor's width" in refused.value.hint
+    assert "sensor width" in refused.value.hint
 
 
 def test_quaternions_are_refused_by_name(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_detections_come_back_however_folders_are_laid_out(write: Write, tmp_pat
 
 @pytest.mark.parametrize(
     ("write", "what"),
-    [(layouts.zipped, "packed"), (layouts.gzipped, "packed"), (layouts.openpose_yml, "write_keypoint")],
+    [(layouts.zipped, "archives"), (layouts.gzipped, "packed"), (layouts.openpose_yml, "write_keypoint")],
 )
 def test_what_is_not_read_is_named_with_the_way_out(write: Write, what: str, tmp_path: Path) -> None:
     write(tmp_path / "take", TAKE)
