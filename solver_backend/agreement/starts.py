@@ -49,6 +49,8 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     later estimates delays of less than a frame.
     """
     count, seen = len(cameras), sightings(cameras, detections)
+    if count < 2:
+        return CameraStarts(numbered, StartEvidence.IN_STEP)
     gains = people_lags(cameras, seen.xy)
     best = best_offsets(gains.gains, count)
     sure = gains.strengths(best) >= LEAST_STRENGTH

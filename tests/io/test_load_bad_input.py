@@ -151,6 +151,7 @@ def test_one_camera_in_a_file_keeps_what_is_known_of_it(tmp_path: Path) -> None:
     path = write_capture(tmp_path / "c.npz", replace(small_capture(views=2).views([1]), **known))
     capture = load_capture(path)
     assert capture.is_one_view and {name: getattr(capture, name) for name in known} == known
+    assert not {item.code for item in (*capture.notes, *capture.problems)} & {"start_unknown", "start_ambiguous"}
 
 
 def test_one_camera_with_anybody(trial: Path) -> None:

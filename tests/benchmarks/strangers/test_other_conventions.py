@@ -92,7 +92,7 @@ def test_detections_come_back_however_folders_are_laid_out(write: Write, tmp_pat
 
 @pytest.mark.parametrize(
     ("write", "what"),
-    [(layouts.zipped, "archives"), (layouts.gzipped, "packed"), (layouts.openpose_yml, "write_keypoint")],
+    [(layouts.zipped, "archives"), (layouts.gzipped, "archives"), (layouts.openpose_yml, "write_keypoint")],
 )
 def test_what_is_not_read_is_named_with_the_way_out(write: Write, what: str, tmp_path: Path) -> None:
     write(tmp_path / "take", TAKE)
