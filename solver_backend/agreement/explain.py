@@ -189,10 +189,16 @@ class _Search:
         ratios, noise = self.evidence.likelihoods([*readings, self.written])
         if self.effect is None:
             self.effect = judge_body(self.quick, [*readings, self.written][int(ratios.argmax())]).effect
-        nats, noises = (ratios * self.constraints).tolist(), (noise.sigma.tolist(), noise.outliers.tolist())
         return [
-            Scored(reading, *one, cost_of(reading, self.constraints), judge_body(self.quick, reading, self.effect))
-            for reading, *one in zip(readings, nats, *noises, strict=False)  # without the last one
+            Scored(
+                reading,
+                float(ratio) * self.constraints,
+                float(noise.sigma[n]),
+                float(noise.outliers[n]),
+                cost_of(reading, self.constraints),
+                judge_body(self.quick, reading, self.effect),
+            )
+            for n, (reading, ratio) in enumerate(zip(readings, ratios, strict=False))  # without the last one
         ]
 
     def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:

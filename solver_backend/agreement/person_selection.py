@@ -179,7 +179,7 @@ def select_people(
     best = np.stack([np.where(accepted, fit, -1.0) for accepted, fit in found]).argmax(axis=0)
     accepted = [own & (best == n) for n, (own, _) in enumerate(found)]
     left = [n for n, own in enumerate(accepted) if n == 0 or (own.any(-1).sum(0) > 1).sum() >= least]
-    kept, found, accepted = ([values[n] for n in left] for values in (kept, found, accepted))
+    kept, found, accepted = [kept[n] for n in left], [found[n] for n in left], [accepted[n] for n in left]
     others = np.any([np.zeros(best.shape, bool), *accepted[1:]], axis=0)
     unsure = doubtful_views(detections, accepted[0] | others)
     people = detections.people()

@@ -92,11 +92,13 @@ def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, f
             if hands is not None:
                 hands[view, ..., :2] = rotated_back(cameras.subset([owner]), hands[view, ..., :2], turn)
     order = np.argsort(reading.owners)  # the view of each camera
-    whole = [None if own is None else own.copy() for own in (keypoints.xy, keypoints.confidence, keypoints.hands)]
-    for own, changed in zip(whole, (xy, confidence, hands), strict=True):
-        if own is not None and changed is not None:
-            own[:, frames] = changed[order]
-    return replace(keypoints, xy=whole[0], confidence=whole[1], hands=whole[2])
+    whole = replace(keypoints, xy=keypoints.xy.copy(), confidence=keypoints.confidence.copy())
+    whole.xy[:, frames], whole.confidence[:, frames] = xy[order], confidence[order]
+    if hands is None or keypoints.hands is None:
+        return whole
+    whole_hands = keypoints.hands.copy()
+    whole_hands[:, frames] = hands[order]
+    return replace(whole, hands=whole_hands)
 
 
 def turned_by(cameras: Cameras, reading: Reading, view: int) -> np.ndarray | None:

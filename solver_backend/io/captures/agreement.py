@@ -92,9 +92,10 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
 
 def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture:
     """Align all cameras of a keypoint capture in time. Args and raises: as in ``bring_to_one_time``."""
-    if capture.cameras is None or capture.keypoints is None:
+    keypoints = capture.keypoints
+    if capture.cameras is None or keypoints is None:
         return capture
-    everybody = [person.keypoints for person in capture.people] or [capture.keypoints]
+    everybody = [person.keypoints for person in capture.people] or [keypoints]
     detections = Detections.of_people(capture.cameras.names, everybody)
     found = bring_to_one_time(capture.cameras, detections, capture.fps, options)
     notes, problems = (*capture.notes, *notes_in(found.found)), (*capture.problems, *warnings_in(found.found))
@@ -111,7 +112,7 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     first = max(found.first_rows[0], 0)
     stop = min(found.first_rows[0] + found.detections.num_frames, capture.num_frames)
     people = tuple(replace(person, keypoints=shift(person.keypoints)) for person in capture.people)
-    cut = replace(capture, keypoints=shift(capture.keypoints), people=people).frames(first, stop)
+    cut = replace(capture, keypoints=shift(keypoints), people=people).frames(first, stop)
     pictures = tuple(picture + by for picture, by in zip(cut.footage_first, late.tolist(), strict=False))
     return replace(cut, footage_first=pictures)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from solver_backend.agreement.evidence import SAMPLED_FRAMES
@@ -71,7 +73,9 @@ def choose_joint_set(
         return configured, (diagnostic("joint_set_chosen", source="config", joint_set=configured.value),), ()
     if certain and configured is None:
         return best, (found,), ()
-    why = {"reason": "anatomy"} if configured is None else {"reason": "config", "configured": configured.value}
+    why: dict[str, Any] = {"reason": "anatomy"}
+    if configured is not None:
+        why = {"reason": "config", "configured": configured.value}
     return best, (found,), (diagnostic("joint_set_uncertain", joint_set=best.value, **why),)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -253,5 +254,5 @@ def find_unit(
     return _unit(name, "file", diagnostic("marker_spread_unlikely", likely="file", spread=size * METRES[name]))
 
 
-def _unit(name: str, source: str, problem: Diagnostic | None = None, **values: float) -> Recognised:
+def _unit(name: str, source: str, problem: Diagnostic | None = None, **values: Any) -> Recognised:
     return Recognised(name, diagnostic("unit_read", source=source, unit=name, **values), problem)

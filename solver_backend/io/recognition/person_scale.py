@@ -86,7 +86,9 @@ def scale_from_stature(
         return posed * np.linalg.norm(points[start] - points[end], axis=1)
 
     lengths, by_shape = _linear(bones)
-    heights, height_by_shape = _linear(lambda betas: np.ptp((body.v_template + body.shapedirs[..., :10] @ betas)[:, 1]))
+    heights, height_by_shape = _linear(
+        lambda betas: np.asarray(np.ptp((body.v_template + body.shapedirs[..., :10] @ betas)[:, 1]))
+    )
     apart = np.array(list(measured.values()))
     if not apart.max() > np.finfo(np.float32).resolution * max(1.0, float(np.nanmax(np.abs(points)))):
         raise JobInvalid("All keypoints of the person are at one point.", hint="Set a known length, or detect again.")
