@@ -57,7 +57,7 @@ class PathFormat:
 
 @dataclass(frozen=True)
 class FilmedPath:
-    """Camera poses in the F frames of a take, in the world and length unit of the file."""
+    """Camera poses for the F frames of a take, in the file's world coordinates and length unit."""
 
     R: np.ndarray  # (F, 3, 3).
     centre: np.ndarray  # (F, 3) camera positions.

@@ -16,7 +16,7 @@ BEST_STEPS = 4  # Newton steps to the best log-variances. The error is below 1e-
 
 @dataclass(frozen=True)
 class LandmarkCost:
-    """Cost of L squared landmark distances in each of F frames, with its derivatives."""
+    """Sum of the squared distances of L landmarks in each of F frames, with its derivatives."""
 
     cost: np.ndarray  # (F,).
     by_squared: np.ndarray  # (F, L) w.r.t. the squared distances.

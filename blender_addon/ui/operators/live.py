@@ -56,7 +56,7 @@ class CurrentLive:
 
     @property
     def busy(self) -> bool:
-        """True while a live run is active."""
+        """A live run is active."""
         return self.run is not None
 
     def begin(

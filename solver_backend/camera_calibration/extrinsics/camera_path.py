@@ -255,7 +255,7 @@ def _stacked(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _between(R: np.ndarray, t: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate camera poses between n keyframes with the frame numbers ``at``. Return a pose for each frame."""
+    """Interpolate n keyframe poses at frames ``at``. Return a pose for each frame between the outer keyframes."""
     frames = np.arange(at[-1] + 1)
     key = np.clip(np.searchsorted(at, frames, side="right") - 1, 0, len(at) - 2)
     share = ((frames - at[key]) / np.diff(at)[key])[:, None]
