@@ -62,8 +62,6 @@ def best_offsets(tables: Tables, count: int) -> np.ndarray:
         at = np.flatnonzero(gains == gains.max()) - len(gains) // 2
         return int(at[np.abs(at).argmin()])
 
-    if not tables:
-        return np.zeros(count, dtype=int)
     i, j = max(tables, key=lambda pair: tables[pair].max())
     placed = {i: 0, j: best(tables[i, j])}
     while len(placed) < count:
