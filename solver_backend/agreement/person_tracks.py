@@ -280,10 +280,12 @@ def view_tracks(seen: Sightings) -> np.ndarray:
     as far away. Ambiguous frames, such as those with two crossing people, end a track.
     """
     present, links = seen.present(), np.stack([_links(view) for view in seen.xy])
-    first = np.arange(present.size).reshape(present.shape)  # number of the first detection in each track
-    for f in range(1, present.shape[1]):
-        before = np.take_along_axis(first[:, f - 1], np.maximum(links[:, f - 1], 0), axis=1)
-        first[:, f] = np.where(links[:, f - 1] >= 0, before, first[:, f])
+    number = np.arange(present.size).reshape(present.shape)
+    before = np.take_along_axis(number[:, :-1], np.maximum(links, 0), axis=2)
+    number[:, 1:] = np.where(links >= 0, before, number[:, 1:])
+    first = number.ravel()
+    while (first != first[first]).any():  # each round doubles the frames back to the first detection of a track
+        first = first[first]
     return np.where(present, np.unique(first, return_inverse=True)[1].reshape(present.shape), -1)
 
 
