@@ -13,13 +13,12 @@ import numpy as np
 from research.simulation.benchmark import JOINT_SET
 from research.simulation.filming import FilmSettings, film
 from solver_backend.agreement.person_selection import select_people
-from solver_backend.agreement.reading import Detections
 from solver_backend.cameras.projection import distort, undistort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.faults import MEASURED_DETECTOR
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
-from solver_backend.types import Cameras, Capture, Keypoints2D
+from solver_backend.types import Cameras, Capture, Detections, Keypoints2D
 
 WALK_M_S = 1.4  # Walking speed of a passer-by.
 

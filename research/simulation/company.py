@@ -8,12 +8,11 @@ import numpy as np
 
 from research.simulation.benchmark import JOINT_SET, BenchmarkSettings
 from research.simulation.filming import FilmSettings, around, film, hidden_by
-from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput, miscalibrated
-from solver_backend.types import Cameras, Keypoints2D
+from solver_backend.types import Cameras, Detections, Keypoints2D
 
 PASSING_M = (0.5, 0.7)
 """Range of the smallest distance between both pelvises in metres. Closer people would touch shoulders."""

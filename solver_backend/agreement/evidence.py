@@ -12,7 +12,6 @@ import numpy as np
 
 from solver_backend.agreement.reading import (
     MIN_POINTS,
-    Detections,
     PictureReading,
     Pose,
     Reading,
@@ -26,7 +25,7 @@ from solver_backend.cameras.projection import undistort_normalised
 from solver_backend.cameras.robust_triangulation import INLIER_SIGMAS
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.rotations import skew
-from solver_backend.types import Cameras
+from solver_backend.types import Cameras, Detections
 
 LEAST_NOISE = 0.002  # In person sizes. Smaller noise is rounding or comes from joint definitions.
 OUTLIER_DENSITY = 0.5  # Density of outliers, uniform over twice the person's size.

@@ -34,8 +34,8 @@ from solver_backend.agreement.hypotheses import (
     one_window,
     windows,
 )
-from solver_backend.agreement.reading import Detections, Reading
-from solver_backend.types import Cameras
+from solver_backend.agreement.reading import Reading
+from solver_backend.types import Cameras, Detections
 
 BEAM, MOST_FAULTS = 6, 2
 """Interpretations to start from in each round, and largest number of faulty cameras. Twice as many interpretations are

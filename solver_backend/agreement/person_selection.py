@@ -22,13 +22,13 @@ from solver_backend.agreement.person_tracks import (
     ray_directions,
     view_tracks,
 )
-from solver_backend.agreement.reading import MIN_POINTS, Detections, Sightings, extent, sightings
+from solver_backend.agreement.reading import MIN_POINTS, Sightings, extent, sightings
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import unit
-from solver_backend.types import Cameras, Keypoints2D
+from solver_backend.types import Cameras, Detections, Keypoints2D
 
 USUAL_TIMES = 4.0  # Largest distance of a person's detection relative to the median. With 3.5, 1 % are missed.
 CLOSEST_M = 0.04  # Distance of a person's detection that is always accepted, in metres.

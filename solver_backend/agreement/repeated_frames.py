@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.person_tracks import STEP_SHARE
-from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, Detections, extent, main_person
+from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, extent, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.arrays import quantile, true_runs
-from solver_backend.types import Keypoints2D
+from solver_backend.types import Detections, Keypoints2D
 
 LONGEST = 5  # Longest run of repeated or skipped frames to interpolate. Lines of filled gaps are twice as long.
 STILL_PX = 0.02

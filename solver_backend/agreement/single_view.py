@@ -9,11 +9,11 @@ import numpy as np
 from solver_backend.agreement.body_evidence import BONES, MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
 from solver_backend.agreement.evidence import SIGMAS
 from solver_backend.agreement.person_tracks import TOLERANCE_M
-from solver_backend.agreement.reading import Detections, PictureReading, main_person, unturn
+from solver_backend.agreement.reading import PictureReading, main_person, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.cameras.projection import undistort
 from solver_backend.geometry.arrays import quantile
-from solver_backend.types import Cameras
+from solver_backend.types import Cameras, Detections
 
 LEAST_OUTSIDE = 0.002  # Smallest share of keypoints outside an image with another size or rotation.
 LEAST_UPRIGHT = 0.8

@@ -17,10 +17,10 @@ from solver_backend.agreement.evidence import EACH, LEAST_NOISE, SAMPLED_FRAMES,
 from solver_backend.agreement.hypotheses import SPREAD
 from solver_backend.agreement.lags import LEAST_STRENGTH, RIVAL_SHARE, best_offsets, people_lags, rival_offsets
 from solver_backend.agreement.person_tracks import STEP_SHARE
-from solver_backend.agreement.reading import Detections, PictureReading, Reading, apply_reading, extent, sightings
+from solver_backend.agreement.reading import PictureReading, Reading, apply_reading, extent, sightings
 from solver_backend.agreement.synchronisation import REACH_S
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS
-from solver_backend.types import UNSEEN_POINT, Cameras
+from solver_backend.types import UNSEEN_POINT, Cameras, Detections
 
 
 class StartEvidence(Enum):

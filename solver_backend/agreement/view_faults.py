@@ -13,7 +13,7 @@ from solver_backend.agreement.evidence import BOUND, MOST_ROUNDS, STRIDE, UNRELA
 from solver_backend.agreement.explain import explain
 from solver_backend.agreement.hypotheses import RANGE_ROWS
 from solver_backend.agreement.person_selection import detections_of, doubtful_views, follow_people
-from solver_backend.agreement.reading import MIN_POINTS, Detections, Reading, apply_reading
+from solver_backend.agreement.reading import MIN_POINTS, Reading, apply_reading
 from solver_backend.agreement.synchronisation import USUAL_SIGMA_SHARE
 from solver_backend.cameras.refinement import rotated_back
 from solver_backend.cameras.robust_triangulation import (
@@ -26,7 +26,7 @@ from solver_backend.cameras.robust_triangulation import (
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
+from solver_backend.types import FEET, LIMBS, Cameras, Detections, JointSet, Keypoints2D
 
 LASTING_S = 1.0  # Shortest fault of names, sides and cameras in seconds.
 BRIEF_S = 0.25  # Shortest excluded range in seconds. The robust kernel handles shorter ones.

@@ -13,13 +13,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from solver_backend.agreement.reading import Detections
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.camera_names import name_key, natural_key
+from solver_backend.types import Detections
 
 _LARGEST_HEADER = 1 << 26  # Size limit of a header in bytes. The header for ten hours of video is smaller.
 _MOST_BOXES = 10_000  # Largest number of boxes examined in a file, chosen by hand.

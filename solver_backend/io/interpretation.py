@@ -20,14 +20,9 @@ from solver_backend.io.calibration.entry import Calibration, CameraEntry, Stated
 from solver_backend.io.markers.source import MarkerSource, MarkerTake
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.marker_labels import by_subject, subjects_of, unique_labels
-from solver_backend.io.recognition.marker_up_axis import (
-    find_unit,
-    find_up_axis,
-    metres_in,
-    rotation_to_z_up,
-    with_up_axis,
-)
+from solver_backend.io.recognition.marker_up_axis import find_unit, find_up_axis
 from solver_backend.io.text_table import LARGEST
+from solver_backend.io.units_and_axes import metres_in, rotation_to_z_up, with_up_axis
 from solver_backend.types import MarkerCloud
 
 MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})  # Reading options that ``interpret_markers`` applies.

@@ -20,7 +20,7 @@ from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.fitters.recipes.live import LiveFit, PersonFollower, fit_average_person
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.native.motion_file import read_subject
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.units_and_axes import rotation_to_z_up
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.labelling.tracklets import labels_of_frame

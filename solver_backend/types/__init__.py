@@ -25,6 +25,7 @@ from solver_backend.types.capture import Keypoints2D as Keypoints2D
 from solver_backend.types.capture import OwnPoint as OwnPoint
 from solver_backend.types.capture import PersonInViews as PersonInViews
 from solver_backend.types.capture import stacked_hands as stacked_hands
+from solver_backend.types.detections import Detections as Detections
 from solver_backend.types.marker_cloud import MarkerCloud as MarkerCloud
 from solver_backend.types.marker_cloud import MarkerSubject as MarkerSubject
 from solver_backend.types.motion import Motion as Motion

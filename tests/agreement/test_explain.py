@@ -13,13 +13,13 @@ from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence, count_in_bins, fit_noise
 from solver_backend.agreement.explain import AS_EXACT, Explanation, _Search, explain
 from solver_backend.agreement.hypotheses import FREE, ROWS, fit_window, one_window
-from solver_backend.agreement.reading import PLAIN, Detections, PictureReading, Reading, apply_reading
+from solver_backend.agreement.reading import PLAIN, PictureReading, Reading, apply_reading
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.types import Cameras, JointSet
+from solver_backend.types import Cameras, Detections, JointSet
 from tests.support.scenes import look_at, ring_of_cameras
 
 DEMO = demo_capture()

@@ -23,12 +23,12 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.agreement.explain import Explanation, explain
-from solver_backend.agreement.reading import Detections, Reading, apply_reading
+from solver_backend.agreement.reading import Reading, apply_reading
 from solver_backend.agreement.synchronisation import Delays, estimate_delays, synchronised
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.types import FEET, LIMBS, JointSet, Keypoints2D
+from solver_backend.types import FEET, LIMBS, Detections, JointSet, Keypoints2D
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.spoiled_views import kinds, lies
 from tests.benchmarks.spoiled_views.kinds import Recording

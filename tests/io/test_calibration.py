@@ -15,7 +15,7 @@ from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.read import calibrations_in, read_calibration
 from solver_backend.io.calibration.yaml_storage import parse_yaml
 from solver_backend.io.files import read_json
-from solver_backend.io.recognition.marker_up_axis import UP_AXES, with_up_axis
+from solver_backend.io.units_and_axes import UP_AXES, with_up_axis
 from solver_backend.types import Cameras
 from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
 from tests.support.scenes import ring_of_cameras

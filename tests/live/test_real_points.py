@@ -12,7 +12,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.fitters.recipes.live import LiveFit
 from solver_backend.io.markers.read import read_markers
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.units_and_axes import rotation_to_z_up
 from solver_backend.labelling.point_network import load_network
 from solver_backend.live.frames import from_lines
 from solver_backend.live.session import LiveSession

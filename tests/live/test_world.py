@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.units_and_axes import rotation_to_z_up
 from solver_backend.labelling.point_network import load_network
 from solver_backend.live.session import AXES, up_axis_of
 from solver_backend.synthesis.embedded.demo import record_markers

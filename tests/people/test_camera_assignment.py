@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.explain import assigned_by_views
-from solver_backend.agreement.reading import Detections
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.camera_names import counted_order
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.types import Cameras, Capture
+from solver_backend.types import Cameras, Capture, Detections
 from tests.support.calibration_files import toml_text
 from tests.support.trial_files import write_detections
 from tests.support.words import words

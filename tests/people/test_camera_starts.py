@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.agreement.reading import Detections
 from solver_backend.agreement.starts import CameraStarts, StartEvidence, find_starts
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.cast import Take
-from solver_backend.types import Capture
+from solver_backend.types import Capture, Detections
 from tests.support.walking_take import circling, walk
 
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.person_selection import select_in_one_view
-from solver_backend.agreement.reading import Detections
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import load_table
 from solver_backend.exchange.errors import NoDetections
-from solver_backend.types import JointSet
+from solver_backend.types import Detections, JointSet
 from tests.support.one_view_situations import filmed_walk
 from tests.support.words import words
 

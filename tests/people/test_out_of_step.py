@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.reading import Detections
 from solver_backend.agreement.starts import at_one_rate, rates_match, read_out_of_step
 from solver_backend.cameras.camera_corrections import CameraCorrection
 from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Detections
 
 CAMERAS, KEYPOINTS = demo_capture().require_multiview()
 COUNT = len(CAMERAS)

@@ -10,11 +10,12 @@ import pytest
 from research.simulation import bad_input
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.agreement.person_tracks import view_tracks
-from solver_backend.agreement.reading import Detections, sightings
+from solver_backend.agreement.reading import sightings
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Detections
 from tests.support.crowds import COCO, Scene, everywhere
 from tests.support.scenes import ring_of_cameras, walker
 from tests.support.words import words

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.agreement.reading import Detections
 from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
 from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Detections
 from tests.support.words import words
 
 CAMERAS, KEYPOINTS = demo_capture().require_multiview()

@@ -14,7 +14,7 @@ from solver_backend.exchange.setting import settings_of_class
 from solver_backend.exchange.solve_settings import METHOD_NAMES, SolveSettings
 from solver_backend.exchange.verbs import GROUPS, VERBS, shared
 from solver_backend.fitters.pose_ndf.complete import LIMBS
-from solver_backend.io.recognition.marker_up_axis import METRES, UP_AXES
+from solver_backend.io.units_and_axes import METRES, UP_AXES
 from solver_backend.synthesis.studio.benchmark.solve_and_compare import YARDSTICK
 from solver_backend.synthesis.studio.spec import PRESETS
 from supply.command_line_page import command_line_page, group_page

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.agreement.reading import Detections
-from solver_backend.types import Cameras, JointSet
+from solver_backend.types import Cameras, Detections, JointSet
 from tests.support.scenes import detected, walker
 
 COCO = JointSet.COCO_17

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.reading import Detections
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import of_folder
-from solver_backend.types import Cameras, JointSet
+from solver_backend.types import Cameras, Detections, JointSet
 from tests.support.calibration_files import toml_text
 from tests.support.scenes import detected, ring_of_cameras, walker
 

@@ -9,11 +9,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from solver_backend.agreement.reading import Detections
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.captures.detection_folders import READER
 from solver_backend.io.reader import ReadOptions
-from solver_backend.types import Cameras, Capture, Keypoints2D
+from solver_backend.types import Cameras, Capture, Detections, Keypoints2D
 
 ROOT = Path(__file__).resolve().parents[2]
 SOLVER = f"{ROOT / 'solver_backend'}/"

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.agreement.reading import Detections, extent
+from solver_backend.agreement.reading import extent
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, homogeneous, lens_mask
 from solver_backend.camera_calibration.extrinsics import two_views
@@ -23,7 +23,7 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import scale_from_length, scale_from_stature
-from solver_backend.types import Cameras, Keypoints2D
+from solver_backend.types import Cameras, Detections, Keypoints2D
 
 START_FRAMES, FINAL_FRAMES = 60, 160  # Maximum number of frames for initial poses and for the adjustment.
 FRAMES_ALIKE = 10  # Number of frames with correlated detector errors. Chosen on true benchmark cameras.

@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.hypotheses import exchanged_pair
 from solver_backend.agreement.lags import LEAST_STRENGTH
-from solver_backend.agreement.reading import Detections, Reading, apply_reading, unturn
+from solver_backend.agreement.reading import Reading, apply_reading, unturn
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.agreement.starts import (
     CameraStarts,
@@ -35,8 +35,8 @@ from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.camera_names import listing, name_key
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.frame_numbers import different_frames
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up, with_up_axis
-from solver_backend.types import Cameras, Capture, Keypoints2D
+from solver_backend.io.units_and_axes import rotation_to_z_up, with_up_axis
+from solver_backend.types import Cameras, Capture, Detections, Keypoints2D
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from solver_backend.agreement.epipolar_fit import report_lenses
 from solver_backend.agreement.evidence import agreement_share
 from solver_backend.agreement.explain import assigned_by_views
 from solver_backend.agreement.person_selection import SelectedPerson, select_in_one_view, select_people
-from solver_backend.agreement.reading import MIN_CONFIDENCE, Detections
+from solver_backend.agreement.reading import MIN_CONFIDENCE
 from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
 from solver_backend.agreement.starts import as_numbered
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
@@ -33,7 +33,7 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.confidence import in_pixels
 from solver_backend.io.recognition.person_scale import in_persons_unit
 from solver_backend.io.recognition.world_fit import find_people, fit_world
-from solver_backend.types import Cameras, Capture, PersonInViews
+from solver_backend.types import Cameras, Capture, Detections, PersonInViews
 
 DEFAULT_FPS = 60.0  # Frames per second if no file states them, chosen by hand. A problem reports this assumption.
 GUESSED_SHARE, GUESSED_SIGMA = 0.9, 0.15

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
@@ -19,7 +18,7 @@ from solver_backend.io.detections.search import CameraSource
 from solver_backend.io.recognition.confidence import from_logarithms, on_unit_scale, placeholder
 from solver_backend.io.recognition.frame_numbers import counted_together, shared_range
 from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
-from solver_backend.types import JointSet
+from solver_backend.types import Detections, JointSet
 
 MAX_PEOPLE = 12  # Largest number of people per frame and view. The most confident people are kept.
 _PROGRESS_STEP = 250  # Frames between progress reports, chosen by hand.

@@ -24,7 +24,6 @@ from solver_backend.io.markers.c3d import unnamed_labels
 from solver_backend.io.markers.mat_file import read_mat
 from solver_backend.io.markers.source import MarkerSource, RigidBodies, left_out_note
 from solver_backend.io.recognition.marker_labels import is_model_output, prefix_of
-from solver_backend.io.recognition.marker_up_axis import metres_in, rotation_to_z_up
 from solver_backend.io.text_table import (
     ROWS_LOOKED_AT,
     between_tabs,
@@ -38,6 +37,7 @@ from solver_backend.io.text_table import (
     split_rows,
     triples,
 )
+from solver_backend.io.units_and_axes import metres_in, rotation_to_z_up
 from solver_backend.types import MarkerCloud
 
 # Motive, format versions 1.2 to 1.25 (OptiTrack documentation, "Data Export: CSV"). The first line alternates names and

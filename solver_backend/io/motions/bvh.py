@@ -15,7 +15,7 @@ from solver_backend.exchange.skeleton_file import require_distinct
 from solver_backend.exchange.torn_lines import torn_line
 from solver_backend.io.files import read_text
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.marker_up_axis import metres_in, rotation_to_z_up
+from solver_backend.io.units_and_axes import metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
 METRES_PER_UNIT = 0.01  # BVH does not state a unit. Centimetres are the most common.

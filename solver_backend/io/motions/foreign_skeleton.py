@@ -24,7 +24,7 @@ from solver_backend.io.markers.c3d import read_segments
 from solver_backend.io.motions import acclaim
 from solver_backend.io.motions.bvh import bvh_motion, bvh_skeleton, read_bvh
 from solver_backend.io.packed_values import SUFFIXES as PACKED
-from solver_backend.io.recognition.marker_up_axis import METRES, metres_in, rotation_to_z_up
+from solver_backend.io.units_and_axes import METRES, metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
 _LARGEST = 2_000_000_000  # Size limit of an MVNX file in bytes. One hour takes about 1.5 GB.

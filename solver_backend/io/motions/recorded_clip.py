@@ -11,7 +11,7 @@ from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.bvh import BvhClip
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.units_and_axes import rotation_to_z_up
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.agreement.evidence import FRAMES, SAMPLED_FRAMES
-from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
+from solver_backend.types import Detections
 
 _MOST = 0.95
 """Fraction of numbers that determines the scale of all numbers. The rest are outliers. This quantile of confidences is

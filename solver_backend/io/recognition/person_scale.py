@@ -16,7 +16,7 @@ from solver_backend.agreement.body_evidence import (
     judge_body,
 )
 from solver_backend.agreement.evidence import MOST_ROUNDS, TakeEvidence
-from solver_backend.agreement.reading import Detections, Reading
+from solver_backend.agreement.reading import Reading
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import Landmarks, pose_landmarks
@@ -24,8 +24,8 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.io.calibration.entry import Calibration
-from solver_backend.io.recognition.marker_up_axis import METRES
-from solver_backend.types import JointSet
+from solver_backend.io.units_and_axes import METRES
+from solver_backend.types import Detections, JointSet
 from solver_backend.types.shapes import Float
 
 SHARES = {

@@ -26,9 +26,10 @@ from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
 from solver_backend.io.recognition.gravity import measure_level, middle_of, roll_gain
-from solver_backend.io.recognition.marker_up_axis import FLOOR_M, rotation_to_z_up
+from solver_backend.io.recognition.marker_up_axis import FLOOR_M
 from solver_backend.io.recognition.path_fit import fit_path
 from solver_backend.io.recognition.person_scale import LEG_SHARE, bone_lengths, scale_from_stature
+from solver_backend.io.units_and_axes import rotation_to_z_up
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.person_selection import SelectedPerson, select_in_one_view, select_people
-from solver_backend.agreement.reading import Detections
 from solver_backend.camera_calibration.adjustment.lens import homogeneous
 from solver_backend.camera_calibration.extrinsics.person_session import main_person
 from solver_backend.camera_calibration.pictures import opencv
@@ -34,7 +33,7 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.world_fit import find_people, fit_world
-from solver_backend.types import Cameras, Capture
+from solver_backend.types import Cameras, Capture, Detections
 from solver_backend.videos.files.video import probe, read_pictures
 from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
 from solver_backend.videos.video_detections import VideoDetections

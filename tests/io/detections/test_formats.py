@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
-from solver_backend.types import JointSet
+from solver_backend.types import Detections, JointSet
 from tests.support.words import words
 
 COCO = JointSet.COCO_17.keypoints

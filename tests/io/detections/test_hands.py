@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_backend.agreement.reading import Detections, PictureReading, Reading
+from solver_backend.agreement.reading import PictureReading, Reading
 from solver_backend.agreement.repeated_frames import without_repeats
 from solver_backend.agreement.starts import align_rows
 from solver_backend.agreement.synchronisation import synchronised
@@ -24,7 +24,7 @@ from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import read_capture, write_capture
-from solver_backend.types import Capture, JointSet, Keypoints2D, PersonInViews
+from solver_backend.types import Capture, Detections, JointSet, Keypoints2D, PersonInViews
 from tests.support.scenes import detected, ring_of_cameras, small_capture, walker
 from tests.support.trial_files import write_trial
 

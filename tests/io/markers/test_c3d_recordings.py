@@ -13,7 +13,7 @@ from solver_backend.exchange.errors import FileDamaged, MocapError, NoDetections
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.camera_systems import read_nexus_csv
 from solver_backend.io.markers.source import MarkerTake
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.units_and_axes import rotation_to_z_up
 from tests.support.marker_reading import stated, taken
 from tests.support.words import codes
 

@@ -12,7 +12,7 @@ import pytest
 from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.io.recognition.marker_up_axis import with_up_axis
+from solver_backend.io.units_and_axes import with_up_axis
 from solver_backend.synthesis.embedded.demo import demo_capture, record_markers
 from solver_backend.types import Cameras, Capture
 from tests.support.words import codes, words

@@ -13,14 +13,8 @@ from solver_backend.io.recognition.marker_labels import (
     subjects_of,
     unique_labels,
 )
-from solver_backend.io.recognition.marker_up_axis import (
-    METRES,
-    UP_AXES,
-    find_unit,
-    find_up_axis,
-    rotation_to_z_up,
-    unit_named,
-)
+from solver_backend.io.recognition.marker_up_axis import find_unit, find_up_axis
+from solver_backend.io.units_and_axes import METRES, UP_AXES, rotation_to_z_up, unit_named
 
 BODY = {"LFHD": 1.7, "RSHO": 1.4, "C7": 1.5, "LASI": 1.0, "LKNE": 0.5, "LANK": 0.08, "RTOE": 0.03}
 """Heights of markers in metres."""

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.load import load_capture
 from solver_backend.io.recognition.person_scale import in_persons_unit
 from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Detections
 from tests.support.trial_files import write_trial
 from tests.support.words import words
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.agreement.reading import Detections
 from solver_backend.exchange.diagnostics import Remedy
 from solver_backend.exchange.errors import FrameCountMismatch, JobInvalid, NotSynchronised
 from solver_backend.io.captures.agreement import InTime, bring_to_one_time
@@ -18,7 +17,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.reader import ReadOptions
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.types import Capture
+from solver_backend.types import Capture, Detections
 from tests.support.calibration_files import toml_text
 from tests.support.trial_files import frame_text
 from tests.support.walking_take import walk

@@ -16,8 +16,8 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.recognition.gravity import measure_level
-from solver_backend.io.recognition.marker_up_axis import UP_AXES, rotation_to_z_up
 from solver_backend.io.recognition.world_fit import check_world, find_people, fit_world, scale_world
+from solver_backend.io.units_and_axes import UP_AXES, rotation_to_z_up
 from solver_backend.synthesis.embedded.demo import DEMO_TAKE, demo_capture
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import Cameras, Capture, JointSet

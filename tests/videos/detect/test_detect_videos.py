@@ -10,7 +10,6 @@ import pytest
 
 import solver_backend.videos.detect.detect_videos as detecting
 from research.simulation.filming import around
-from solver_backend.agreement.reading import Detections
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import Where
 from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, CaptureInvalid, NoDetections
@@ -18,7 +17,7 @@ from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.footage import VideoHeader, with_sizes_of
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.png import read_png
-from solver_backend.types import JointSet
+from solver_backend.types import Detections, JointSet
 from solver_backend.videos.detect import assemble
 from solver_backend.videos.detect.assemble import assembled, everybody, in_video_pixels
 from solver_backend.videos.detect.detect_videos import Glance, detect_videos, joint_set_of
