@@ -218,7 +218,7 @@ def _beats_in_step(cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, lat
     """
 
     def rays_of(view: int, late: np.ndarray) -> tuple[np.ndarray, float]:
-        (flat,) = undistort(cameras.subset([view]), _view_at(tracks[view], frames + late)[None])
+        (flat,) = undistort(cameras.subset([view]), values_at(tracks[view], frames + late)[None])
         size = extent(flat)[np.isfinite(flat[..., 0]).sum(-1) >= MIN_POINTS]
         rays = np.concatenate([flat, np.where(np.isfinite(flat[..., :1]), 1.0, np.nan)], axis=-1)
         return rays, float(np.median(size)) if len(size) else 1.0
@@ -311,15 +311,9 @@ def reach_frames(fps: float) -> int:
 
 def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
     """Shift each view by its delay in frames, (C,) or (C, F)."""
-    xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
-    hands = None if keypoints.hands is None else keypoints.hands.copy()
-    delay = np.broadcast_to(delay.reshape(len(delay), -1), xy.shape[:2])
-    for view in np.flatnonzero(delay.any(axis=1)):
-        times = np.arange(keypoints.num_frames) + delay[view]
-        xy[view] = _view_at(keypoints.xy[view], times)
-        confidence[view] = _view_at(keypoints.confidence[view], times)
-        if hands is not None:
-            hands[view] = _view_at(hands[view], times)
+    times = np.arange(keypoints.num_frames) + delay.reshape(keypoints.num_views, -1)
+    xy, confidence = (tracks_at(values, times) for values in (keypoints.xy, keypoints.confidence))
+    hands = None if keypoints.hands is None else tracks_at(keypoints.hands, times)
     return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
 
 
@@ -350,12 +344,12 @@ def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
 
 
 def tracks_at(tracks: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Interpolate (C, F, K, 2) tracks at (C, N) times in frames."""
-    return np.stack([_view_at(track, when) for track, when in zip(tracks, times, strict=True)])
+    """Interpolate the tracks (C, F, ...) of views at (C, N) times in frames. See ``values_at``."""
+    return np.stack([values_at(track, when) for track, when in zip(tracks, times, strict=True)])
 
 
-def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Interpolate a track (F, ...) at times in frames. Return NaN beyond its ends and next to missing values."""
+def values_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Interpolate a track (F, ...) at N times in frames. Return NaN beyond its ends and next to missing values."""
     last = len(track) - 1
     low = np.clip(np.floor(times).astype(int), 0, last)
     share = (times - low).reshape(-1, *[1] * (track.ndim - 1))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.agreement.lags import Signal, signal_lags
+from solver_backend.agreement.synchronisation import values_at
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.plausible import LATEST_S
@@ -155,10 +156,7 @@ def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> n
     gap = times_s[after] - times_s[after - 1]
     with np.errstate(divide="ignore", invalid="ignore"):  # two images with equal times: nothing is between them
         share = (wanted_s - times_s[after - 1]) / gap
-    outside = (share < -EXACT_SHARE) | (share > 1 + EXACT_SHARE)
     exact = (np.abs(share) <= EXACT_SHARE) | (np.abs(share - 1) <= EXACT_SHARE)
     share = np.where(exact, np.round(share), share)
-    unknown = outside | ((gap > LONGEST_GAP_S) & ~exact)
-    share, unknown = (a.reshape(-1, *[1] * (values.ndim - 1)) for a in (share, unknown))
-    low, high = np.where(share < 1, values[after - 1], 0.0), np.where(share > 0, values[after], 0.0)
-    return np.where(unknown, np.nan, (1 - share) * low + share * high)
+    known = (share >= 0) & (share <= 1) & (exact | (gap <= LONGEST_GAP_S))
+    return values_at(values, np.where(known, after - 1 + share, -1.0))
