@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
-from solver_backend.agreement.evidence import BOUND, FRAMES, MOVED, POSES, SIGMAS, UNRELATED_NOISE, person_size
+from solver_backend.agreement.evidence import BOUND, FRAMES, MOVED, SIGMAS, UNRELATED_NOISE, person_size
 from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.agreement.single_view import LEAST_UPRIGHT
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.cameras.camera_corrections import COMPARED, unrolled
-from solver_backend.cameras.projection import project
-from solver_backend.cameras.robust_triangulation import triangulate
+from solver_backend.cameras.camera_corrections import unrolled
+from solver_backend.cameras.robust_triangulation import predict_views, triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.plausible import HIGHEST_STEP_M
@@ -56,8 +55,8 @@ class WorldCheck:
     joint_set: JointSet  # Joint set of the keypoints.
     fps: float  # Frame rate of the sampled frames.
     residual_px: float = float("nan")  # Median reprojection error in pixels.
-    off_px: dict[str, float] = field(default_factory=dict)
-    """Median distance in pixels of each camera's keypoints from the points of the other cameras."""
+    off_px: tuple[float, ...] = ()
+    """Length in pixels of the median vector from the other cameras' prediction to each camera's keypoints."""
     person_px: tuple[float, ...] = ()  # Size of the person in each view in pixels.
     views: tuple[str, ...] = ()  # Names of the cameras.
     apart: float = np.pi / 2  # Angle between the directions from the person to two cameras, radians.
@@ -96,8 +95,8 @@ class WorldCheck:
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
         if self.residual_px > UNRELATED_NOISE * np.mean(self.person_px or 1.0):  # no single camera is then the cause
             return (*found, diagnostic("views_disagree", size=self.residual_px))
-        most = {name: SHIFTED * size for name, size in zip(self.views, self.person_px, strict=True)}
-        wrong = {name: round(off) for name, off in self.off_px.items() if off > most[name]}
+        of_views = zip(self.views, self.off_px, self.person_px, strict=True)
+        wrong = {name: round(off) for name, off, size in of_views if off > SHIFTED * size}
         found += [diagnostic("cameras_shifted", cameras=list(wrong), shifts=wrong)] if wrong else []
         return tuple(found)
 
@@ -120,17 +119,10 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
         return WorldCheck(nowhere, keypoints.joint_set, keypoints.fps)
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, FRAMES).round().astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
-    most = max(4, min(POSES, int(POSES * (COMPARED / len(cameras)) ** 2)))
     found = triangulate(cameras, xy, confidence)
-    points, sigma_px, off_px = np.asarray(found.points), np.asarray(found.sigma_px), dict[str, float]()
-    few, few_sure = (values[:, :: len(frames) // most + 1] for values in (xy, confidence))
-    for c, name in enumerate(cameras.names if len(cameras) > 2 else ()):
-        others = [i for i in range(len(cameras)) if i != c]
-        of_others = triangulate(cameras.subset(others), few[others], few_sure[others], sigma_px)
-        shift = few[c] - project(cameras.subset([c]), np.asarray(of_others.points))[0]
-        shift = shift[np.isfinite(shift).all(-1)]
-        if len(shift):
-            off_px[name] = float(np.linalg.norm(np.median(shift, axis=0)))
+    points, inliers = np.asarray(found.points), np.asarray(found.inliers)
+    in_others = (inliers.sum(axis=0) - inliers >= 2) & (confidence > 0)
+    shift = np.where(in_others[..., None], xy - predict_views(cameras, xy, confidence, found).px, np.nan)
     known, apart = points[np.isfinite(points).all(-1)], np.pi / 2
     if len(cameras) == 2 and len(known):
         one, other = unit(cameras.centres - np.median(known, axis=0))
@@ -140,7 +132,7 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
         keypoints.joint_set,
         keypoints.fps * len(frames) / keypoints.num_frames,
         residual_px=float(quantile(np.asarray(found.residual_px).ravel(), 0.5, axis=0)),
-        off_px=off_px,
+        off_px=tuple(np.linalg.norm(quantile(shift, 0.5, axis=(1, 2)), axis=-1).tolist()),
         person_px=tuple(person_size(np.where((confidence > 0)[..., None], xy, np.nan)).tolist()),
         views=cameras.names,
         apart=apart,

@@ -262,3 +262,12 @@ def test_a_camera_whose_keypoints_are_off_by_a_fortieth_of_the_person_is_named(s
     xy[1, ..., 0] += check.person_px[1] / 40.0
     (found,) = [i for i in check_world(cameras, replace(keypoints, xy=xy)).found() if i.code == "cameras_shifted"]
     assert cameras.names[1] in found.where.cameras
+
+
+def test_a_camera_far_off_is_named_alone(short: Capture) -> None:
+    """Without it, the other views agree at most points, so that their own cameras are not shifted."""
+    cameras, keypoints = short.require_multiview()
+    xy = keypoints.xy.copy()
+    xy[1, ..., 0] += 0.15 * check_world(cameras, keypoints).person_px[1]
+    (found,) = [i for i in check_world(cameras, replace(keypoints, xy=xy)).found() if i.code == "cameras_shifted"]
+    assert found.where.cameras == (cameras.names[1],)
