@@ -13,6 +13,7 @@ from solver_backend.agreement.reading import MIN_POINTS
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
+from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.rotations import skew
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.recognition.marker_up_axis import FLOOR_M
@@ -149,19 +150,9 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
 
     Reference: Koenker and Bassett 1978 (quantile regression); de Leva 1996 (segments' masses).
     """
-    names = joint_set.keypoints
-    middle = {part: middle_of(points, names, part) for part in ("shoulder", "ankle")}
-    tall = middle["shoulder"] - middle["ankle"]
-    length = np.linalg.norm(tall, axis=-1)
-    if not np.isfinite(length).any():
+    up = trunk = trunk_direction(points, joint_set)
+    if not np.isfinite(up).all():
         raise NoDetections("Shoulders and ankles are never visible at the same time, so the up direction is unknown.")
-    standing = length > 0.9 * np.nanquantile(length, 0.9)
-    directions = tall[standing] / length[standing, None]
-    trunk = directions.mean(axis=0)
-    for _ in range(MOST_ROUNDS):  # Weiszfeld's iterations of the geometric median
-        weight = 1.0 / np.maximum(np.linalg.norm(directions - trunk, axis=1), 1e-3)
-        trunk = (directions * weight[:, None]).sum(axis=0) / weight.sum()
-    up = trunk = unit(trunk)
     body, feet = body_points(points, joint_set), points[:, foot_keypoints(joint_set)]
     alike = max(1.0, BRIDGE_S * fps) * feet.shape[1]
     known = np.isfinite(feet).all(-1)
@@ -182,7 +173,7 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
     doubt = max(0.0, apart - np.sqrt(2.0) * BODY_SIGMA), max(0.0, spread - BODY_SIGMA)
     sigma = float(np.sqrt(np.trace(np.linalg.inv(precision)) + sum(2.0 * d**2 for d in doubt)))
     walked = float(np.sqrt((((feet - np.median(feet, axis=0)) @ R[:2].T) ** 2).sum(1).mean()))
-    centre = np.nanmedian((middle["ankle"] @ R.T)[:, :2], axis=0)
+    centre = np.nanmedian((middle_of(points, joint_set.keypoints, "ankle") @ R.T)[:, :2], axis=0)
     t = -np.array([*centre, floor_height(points @ R.T, joint_set)])
     share = np.linalg.inv(np.eye(2) + FLOOR_SIGMA**2 * floor.precision)  # a floor is not exactly level
     return Upright(R, t, sigma, walked, balance, Witness(share @ floor.precision, share @ floor.weighted))
@@ -238,6 +229,14 @@ def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Joi
     body = load_body()
     at_rest = rest_keypoints(body, keypoint_landmarks(body, joint_set), np.zeros(10))[kinds, 1]
     return float(np.nanmedian(low - (at_rest - float(body.v_template[:, 1].min()))))
+
+
+def trunk_direction(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> Float[np.ndarray, " 3"]:
+    """Return the median direction from the ankles to the shoulders of a person at full height, NaN if unknown."""
+    ankle, shoulder = (middle_of(points, joint_set.keypoints, part) for part in ("ankle", "shoulder"))
+    length = np.linalg.norm(shoulder - ankle, axis=-1)
+    at_full_height = length > 0.9 * quantile(length, 0.9, axis=0)
+    return unit(quantile(unit(shoulder - ankle)[at_full_height], 0.5, axis=0))
 
 
 def middle_of(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:

@@ -24,7 +24,7 @@ from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSetting
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
-from solver_backend.io.recognition.gravity import measure_level, middle_of, roll_gain
+from solver_backend.io.recognition.gravity import measure_level, roll_gain, trunk_direction
 from solver_backend.io.recognition.marker_up_axis import FLOOR_M
 from solver_backend.io.recognition.path_fit import fit_path
 from solver_backend.io.recognition.person_scale import LEG_SHARE, bone_lengths, scale_from_stature
@@ -70,9 +70,8 @@ class WorldCheck:
 
     @cached_property
     def upright(self) -> np.ndarray:
-        """(3,) median direction from the ankles to the shoulders in world axes."""
-        ankles, shoulders = (middle_of(self.points, self.joint_set.keypoints, part) for part in ("ankle", "shoulder"))
-        return quantile(unit(shoulders - ankles), 0.5, axis=0)
+        """(3,) direction of the trunk of the standing person in world axes, NaN if unknown."""
+        return trunk_direction(self.points, self.joint_set)
 
     def found(self) -> tuple[Diagnostic, ...]:
         """Return a note with the measurements, and a diagnostic for each implausible measurement."""
