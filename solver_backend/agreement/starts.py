@@ -6,7 +6,6 @@ are accepted only if they beat the offsets of the frame numbers and all alternat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import product
@@ -137,50 +136,38 @@ def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
     return replace(detections, xy=xy, confidence=confidence, hands=hands)
 
 
-def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Take each camera's nearest frame for every frame of the take, at (C,) camera frames per frame."""
-    moments = [np.round(_moments(detections, c, rate)).astype(int) for c, rate in enumerate(rates)]
-    rows = np.full((len(moments), max(map(len, moments))), -1)
-    for row, at in zip(rows, moments, strict=True):
-        row[: len(at)] = np.minimum(at, detections.num_frames - 1)
-    return replace(_at_rows(detections, rows), first_frames=(), lengths=())
+def at_one_rate(detections: Detections, rates: np.ndarray) -> Detections:
+    """Resample each camera to the take's frame rate. Interpolate between frames that show the same person.
 
+    ``rates`` (C,) are camera frames per frame of the take.
+    """
+    last = (detections.counts - 1) / rates
+    frames = np.arange(int(last.max()) + 1)
+    at = np.where(frames <= last[:, None], frames * rates[:, None], -1.0)
+    before, after = (_at_rows(detections, rounded(at).astype(int)) for rounded in (np.floor, np.ceil))
+    share, both = at % 1, (before.confidence > 0) & (after.confidence > 0)
+    move = np.where(both, np.linalg.norm(after.xy - before.xy, axis=-1), 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
+    same = both & (move < STEP_SHARE * np.nan_to_num(extent(np.where(both[..., None], before.xy, np.nan))))[..., None]
 
-def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Resample each camera to the take's frame rate. Interpolate between frames that show the same person."""
-    result, kept = nearest_rows(detections, rates), list[int]()
-    for c, rate in enumerate(rates):
-        moments = _moments(detections, c, rate)
-        kept.append(len(moments))
-        if rate != 1.0:
-            _interpolate(detections, result, c, moments)
-    firsts = tuple(round(first / rate) for first, rate in zip(detections.starts.tolist(), rates, strict=True))
-    apart = len(set(firsts)) > 1 or len(set(kept)) > 1
-    return replace(result, first_frames=firsts if apart else (), lengths=tuple(kept) if apart else ())
+    def between(one: np.ndarray, other: np.ndarray, mixable: np.ndarray) -> np.ndarray:
+        part = share.reshape(*share.shape, *[1] * (one.ndim - 2))
+        mixed = (1 - part) * one + part * other
+        return np.where(mixable, mixed, np.where(part > 0.5, other, one)).astype(one.dtype)
 
-
-def _moments(detections: Detections, c: int, rate: float) -> np.ndarray:
-    return np.arange(int((int(detections.counts[c]) - 1) / rate) + 1) * rate
-
-
-def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndarray) -> None:
-    """Interpolate camera c between frames that show the same person. Write the keypoints into ``result``."""
-    before = np.floor(at).astype(int)
-    after = np.minimum(before + 1, detections.num_frames - 1)
-    share = (at - before)[:, None, None, None]
-    one, other = detections.xy[c, before], detections.xy[c, after]
-    both = np.isfinite(one).all(-1) & np.isfinite(other).all(-1)
-    seen = np.where(both[..., None], one, np.nan)
-    move = np.where(both, np.linalg.norm(other - one, axis=-1), 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
-    same = both & (move < STEP_SHARE * np.nan_to_num(extent(seen)))[..., None]
-    result.xy[c, : len(at)][same] = ((1 - share) * one + share * other)[same]
-    sure = np.minimum(detections.confidence[c, before], detections.confidence[c, after])
-    result.confidence[c, : len(at)][same] = sure[same]
-    if result.hands is not None and detections.hands is not None:
-        one, other = detections.hands[c, before], detections.hands[c, after]
-        together = same.any(-1)[..., None, None] & (one[..., 2] > 0) & (other[..., 2] > 0)
-        between = (1 - share[..., None]) * one + share[..., None] * other
-        result.hands[c, : len(at)][together] = between[together]
+    hands = None
+    if before.hands is not None and after.hands is not None:
+        handed = same.any(-1)[..., None, None] & (before.hands[..., 2] > 0) & (after.hands[..., 2] > 0)
+        hands = between(before.hands, after.hands, handed[..., None])
+    firsts, lengths = np.round(detections.starts / rates).astype(int).tolist(), (at >= 0).sum(axis=1).tolist()
+    apart = len({*firsts}) > 1 or len({*lengths}) > 1
+    return replace(
+        before,
+        xy=between(before.xy, after.xy, same[..., None]),
+        confidence=between(before.confidence, after.confidence, same),
+        hands=hands,
+        first_frames=tuple(firsts) if apart else (),
+        lengths=tuple(lengths) if apart else (),
+    )
 
 
 CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # Usual frame rates.
@@ -188,21 +175,15 @@ CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  
 
 def rates_by_length(cameras: Cameras, detections: Detections) -> np.ndarray:
     """Estimate the (C,) frame rates relative to the longest camera from the numbers of frames, usually 1."""
-    longest = max(detections.lengths, default=0)
-    ratios = np.array([_standard(length, longest) for length in detections.lengths])
-    differ = (ratios != 1.0).any() and rates_match(cameras, detections, ratios)
-    return ratios if differ else np.ones(len(cameras))
+    usual, counts = np.divide.outer(CAMERA_RATES, CAMERA_RATES).ravel(), detections.counts
+    off = np.abs(counts[:, None] - counts.max() * usual)
+    ratios = np.where(off.min(axis=1) < STRIDE, usual[off.argmin(axis=1)], 1.0)
+    return ratios if rates_match(cameras, detections, ratios) else np.ones(len(cameras))
 
 
 def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> bool:
     """Return whether the views match better at these (C,) frame rates, relative to the take's, than at rates of 1."""
-    tried = (nearest_rows(detections, r.tolist()) for r in (rates, np.ones(len(rates))))
-    then, now = (strength(cameras, rows) for rows in tried)
+    if (rates == 1).all():
+        return False
+    then, now = (strength(cameras, rows) for rows in (at_one_rate(detections, rates), detections))
     return then >= LEAST_STRENGTH and now < RIVAL_SHARE * then
-
-
-def _standard(length: int, longest: int) -> float:
-    """Return the ratio of two usual frame rates that explains two frame counts, otherwise 1."""
-    ratios = sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
-    ratio = min(ratios, key=lambda ratio: abs(ratio * longest - length))
-    return ratio if abs(ratio * longest - length) < STRIDE else 1.0

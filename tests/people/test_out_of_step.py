@@ -14,6 +14,7 @@ from solver_backend.types import Detections
 
 CAMERAS, KEYPOINTS = demo_capture().require_multiview()
 COUNT = len(CAMERAS)
+RATES = np.array([1.0, 1.0, 1.0, 0.5])
 
 
 def recorded(starts: list[int], rates: list[float]) -> Detections:
@@ -75,7 +76,7 @@ def test_a_person_who_stands_still_tells_nothing() -> None:
 
 def test_detections_are_brought_to_one_rate_between_frames() -> None:
     seen = recorded([0, 0, 0, 0], [1, 1, 1, 0.5])
-    moved = at_one_rate(seen, [1.0, 1.0, 1.0, 0.5])
+    moved = at_one_rate(seen, RATES)
     np.testing.assert_array_equal(moved.xy[:3], seen.xy[:3])
     rows = np.arange(0, 300, 2)
     np.testing.assert_allclose(moved.xy[3, rows], seen.xy[3, rows // 2], atol=1e-3)
@@ -90,7 +91,7 @@ def test_people_who_change_places_in_the_list_are_not_mixed() -> None:
     seen = recorded([0, 0, 0, 0], [1, 1, 1, 0.5])
     two = np.concatenate([seen.xy, seen.xy + 500.0], axis=2)
     two[3, 1::2] = two[3, 1::2, ::-1]
-    moved = at_one_rate(replace(seen, xy=two, confidence=np.repeat(seen.confidence, 2, axis=2)), [1.0, 1.0, 1.0, 0.5])
+    moved = at_one_rate(replace(seen, xy=two, confidence=np.repeat(seen.confidence, 2, axis=2)), RATES)
     given = {round(float(x), 1) for x in two[3, ..., 0].ravel() if np.isfinite(x)}
     found = moved.xy[3, :300, ..., 0].ravel()
     assert all(round(float(x), 1) in given for x in found[np.isfinite(found)])
@@ -101,7 +102,7 @@ def test_hands_are_brought_along() -> None:
     frames = np.arange(seen.num_frames, dtype=np.float32)[None, :, None, None, None, None]
     hands = np.broadcast_to(frames, (COUNT, seen.num_frames, 1, 2, 21, 3)).copy()
     hands[..., 2] = 0.5
-    moved = at_one_rate(replace(seen, hands=hands), [1.0, 1.0, 1.0, 0.5])
+    moved = at_one_rate(replace(seen, hands=hands), RATES)
     assert moved.hands is not None and moved.hands.shape[:3] == moved.confidence.shape[:3]
     np.testing.assert_array_equal(moved.hands[0], hands[0])
     known = (seen.confidence[3, :100] > 0).any((1, 2)) & (seen.confidence[3, 1:101] > 0).any((1, 2))

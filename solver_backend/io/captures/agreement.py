@@ -244,7 +244,7 @@ class Agreeing:
         values = {"rate": fps, "rates": named, "basis": "assumed" if is_open else "known"}
         problem = diagnostic("camera_rates_differ", cameras=list(rates), **values)
         resampled = replace(self, resampled=tuple((ratios != 1).tolist()))
-        return resampled.with_detections(at_one_rate(self.detections, ratios.tolist())).report(problem)
+        return resampled.with_detections(at_one_rate(self.detections, ratios)).report(problem)
 
     def read(self, reading: Reading, options: ReadOptions) -> Agreeing:
         """Correct the calibration and the detections as an interpretation requires."""
