@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import BOUND, LEAST_NOISE, MOST_ROUNDS, SCALES, STRIDE, TakeEvidence
 from solver_backend.agreement.reading import MIRROR_MEANINGS, PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS, POSES, TURNS
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 
 _PARTS = ("size", "width", "left", "top")  # Parameters of images: their size and width, and positions of two edges.
 FREE = ("width",), ("left", "top"), ("size", "width"), ("size", "left", "top"), _PARTS
@@ -193,12 +195,7 @@ def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: f
     )
 
 
-SIDES_EXCHANGED = "left and right are swapped in the keypoint names"
-
-
-def exchanged_pair(name: str, owner: str) -> str:
-    """Describe for users that a recorded camera has another name in the calibration."""
-    return f"{name} is the calibration's {owner}"
+_SWAPPED = "left and right are swapped in the keypoint names"
 
 
 def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Reading]]:
@@ -220,9 +217,9 @@ def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Readin
             without = without.with_view(view, pictures=PLAIN, sides=False)
         if meaning := picture.correction.meaning():
             changes.append(("calibration_corrected", tuple(members), meaning, without))
-        flips = [MIRROR_MEANINGS[picture.turn]] * picture.mirrored + [SIDES_EXCHANGED] * sides
-        if flips:
-            changes.append(("detections_corrected", tuple(members), ", and ".join(flips), without))
+        flips = ((picture.mirrored, MIRROR_MEANINGS[picture.turn]), (sides, _SWAPPED))
+        if meaning := ", and ".join(text for is_so, text in flips if is_so):
+            changes.append(("detections_corrected", tuple(members), meaning, without))
     named = tuple(view for view, owner in enumerate(reading.owners) if owner != view)
     if named:
         changes.append(("camera_names_exchanged", named, "", replace(reading, owners=everyone)))
@@ -230,3 +227,22 @@ def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Readin
     changes += [("camera_unexplained", (v,), "", replace(reading, left_out=())) for v in reading.left_out]
     changes += [("camera_placed", (v,), "", reading.with_view(v, moved=None)) for v in everyone if reading.moved[v]]
     return changes
+
+
+def diagnose_views(reading: Reading, names: Sequence[str], **values: Any) -> list[Diagnostic]:
+    """Report views with other sides, names and poses than their files say. ``values`` are common to all reports."""
+    found = list[Diagnostic]()
+    for code, views, meaning, _ in changes_of(reading):
+        named = [names[view] for view in views]
+        pairs = [f"{names[view]} is the calibration's {names[reading.owners[view]]}" for view in views]
+        own: dict[str, dict[str, Any]] = {
+            "detections_corrected": {"found": meaning},
+            "camera_names_exchanged": {"pairs": pairs},
+            "camera_placed": {},
+            "camera_unexplained": {"remedy": Remedy.REPORTED},
+        }
+        if code == "detections_corrected" and reading.pictures[views[0]].mirrored and len(named) < len(names):
+            found += [diagnostic("image_mirrored", cameras=[name], **values) for name in named]
+        elif code in own:
+            found.append(diagnostic(code, cameras=named, **values | own[code]))
+    return found

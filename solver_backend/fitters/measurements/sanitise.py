@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.hypotheses import SIDES_EXCHANGED, exchanged_pair
+from solver_backend.agreement.hypotheses import diagnose_views
 from solver_backend.agreement.reading import ENOUGH, limb_keypoints
 from solver_backend.agreement.repeated_frames import (
     LEAST_REPEATED,
@@ -92,7 +92,7 @@ def check_capture(
     progress(STAGE, 3, steps)
     sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
     progress(STAGE, 4, steps)
-    found = [item for fault in views.found for item in _diagnose_views(cameras, fault)]
+    found = [item for fault in views.found for item in _faults(cameras, fault)]
     found += late + _alterations(cameras, again, skipped, filled, replaced)
     for swap in sides.found:
         where = {"cameras": [cameras.names[swap.view]], "frames": [(swap.first, swap.last)]}
@@ -169,24 +169,15 @@ def _in_time(
     return keypoints, triangulation, found
 
 
-def _diagnose_views(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
-    reading, now = fault.reading, list(range(len(cameras)))
+def _faults(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
     where: dict[str, Any] = {"frames": [(fault.first, fault.last)], "remedy": Remedy.REPAIRED}
     found = list[Diagnostic]()
     for view, name in enumerate(cameras.names):
-        if reading.pictures[view].mirrored:
-            found.append(diagnostic("image_mirrored", cameras=[name], **where))
-        elif reading.sides[view]:
-            found.append(diagnostic("detections_corrected", cameras=[name], found=SIDES_EXCHANGED, **where))
-        if (turn := turned_by(cameras, reading, view)) is not None:
+        if (turn := turned_by(cameras, fault.reading, view)) is not None:
             size = float(np.degrees(np.linalg.norm(turn)))
             found.append(diagnostic("camera_turned", cameras=[name], size=size, **where))
-        if (other := now.index(reading.owners[view])) != view:
-            now[view], now[other] = now[other], now[view]
-            both = [name, cameras.names[other]]
-            pairs = [exchanged_pair(*both), exchanged_pair(*both[::-1])]
-            found.append(diagnostic("camera_names_exchanged", cameras=both, pairs=pairs, **where))
-    return found
+    in_place = replace(fault.reading, moved=(None,) * len(cameras))
+    return found + diagnose_views(in_place, cameras.names, **where)
 
 
 def _alterations(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.explain import Explanation, explain
-from solver_backend.agreement.hypotheses import exchanged_pair
+from solver_backend.agreement.hypotheses import diagnose_views
 from solver_backend.agreement.lags import LEAST_STRENGTH
 from solver_backend.agreement.reading import Reading, apply_reading, unturn
 from solver_backend.agreement.single_view import pictures_of_one_view
@@ -350,19 +350,4 @@ def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
         meanings = corrections[0].meaning if of_all else "; ".join(listed)
         shares = {"percent": 100 * found.share, "percent_written": 100 * found.share_written}
         reported.append(diagnostic("calibration_corrected", result="shares", meanings=meanings, **shares, **evidence))
-    for applied in found.applied:
-        named = [names[view] for view in applied.views]
-        values: dict[str, Any] = {"remedy": Remedy.REPAIRED, **evidence}
-        if applied.code == "detections_corrected":
-            mirrored = any(found.reading.pictures[view].mirrored for view in applied.views)
-            if mirrored and len(named) < len(names):
-                reported += [diagnostic("image_mirrored", cameras=[name], **values) for name in named]
-            else:
-                reported.append(diagnostic(applied.code, cameras=named, found=applied.meaning, **values))
-        elif applied.code == "camera_names_exchanged":
-            pairs = [exchanged_pair(names[view], names[found.reading.owners[view]]) for view in applied.views]
-            reported.append(diagnostic(applied.code, cameras=named, pairs=pairs, **values))
-        elif applied.code in ("camera_placed", "camera_unexplained"):
-            values |= {} if applied.code == "camera_placed" else {"remedy": Remedy.REPORTED}
-            reported.append(diagnostic(applied.code, cameras=named, **values))
-    return reported
+    return reported + diagnose_views(found.reading, names, remedy=Remedy.REPAIRED, **evidence)

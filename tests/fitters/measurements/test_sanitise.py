@@ -121,8 +121,12 @@ def test_names_in_another_order_are_put_right(capture, order):
     cameras = capture.cameras
     wrong = replace(capture, cameras=replace(cameras.subset(list(order)), names=cameras.names))
     found = checked(wrong)
-    assert {f.code for f in found.diagnostics} == {"camera_names_exchanged"}
-    assert {name for f in found.diagnostics for name in f.where.cameras} == set(cameras.names)
+    (fault,) = found.diagnostics
+    assert (fault.code, set(fault.where.cameras)) == ("camera_names_exchanged", set(cameras.names))
+    owners = [cameras.names[order.index(view)] for view in range(len(order))]
+    assert fault.values["pairs"] == [
+        f"{n} is the calibration's {o}" for n, o in zip(cameras.names, owners, strict=True)
+    ]
     assert points_mm(found, capture) < 1.05 * points_mm(checked(capture), capture)
 
 
