@@ -187,12 +187,10 @@ def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
     Args:
         relative: (C,) frame rates relative to one of the cameras.
     """
-    same = np.abs(relative[:, None] / relative[None] - 1) <= OTHER_RATE
-    usual = int(same.sum(1).argmax())
-    if 2 * same[usual].sum() > len(relative):
-        return np.where(same[usual], 1.0, relative / relative[usual]), False
-    fastest = relative.max()
-    return np.where(relative > (1 - OTHER_RATE) * fastest, 1.0, relative / fastest), True
+    alike = (np.abs(relative[:, None] / relative - 1) <= OTHER_RATE).sum(axis=0)
+    is_open = bool(2 * alike.max() <= len(relative))
+    ratios = relative / (relative.max() if is_open else relative[alike.argmax()])
+    return np.where(np.abs(ratios - 1) <= OTHER_RATE, 1.0, ratios), is_open
 
 
 @dataclass(frozen=True)
@@ -200,23 +198,15 @@ class Agreeing:
     """Calibration and detections after the corrections so far."""
 
     calibration: Calibration
-    in_time: InTime  # Detections with simultaneous rows.
+    detections: Detections
     resampled: tuple[bool, ...]  # True for each camera whose rows are no longer the frames of its video.
-    problems: tuple[Diagnostic, ...] = ()  # Corrections, and open alternatives.
+    first_rows: tuple[int, ...] = ()  # See ``InTime``.
+    found: tuple[Diagnostic, ...] = ()  # Corrections, open alternatives, and notes.
     turned: bool = False  # True if a single camera's detections were rotated and no longer fit its video.
 
-    @property
-    def detections(self) -> Detections:
-        """Detections after the corrections so far."""
-        return self.in_time.detections
-
-    def with_detections(self, detections: Detections) -> Agreeing:
-        """Return a copy of this object with other detections."""
-        return replace(self, in_time=replace(self.in_time, detections=detections))
-
-    def report(self, *problems: Diagnostic) -> Agreeing:
-        """Return a copy of this object with additional problems."""
-        return replace(self, problems=(*self.problems, *problems))
+    def report(self, *found: Diagnostic) -> Agreeing:
+        """Return a copy of this object with additional diagnostics."""
+        return replace(self, found=(*self.found, *found))
 
     def in_file(self, options: ReadOptions) -> Cameras:
         """Return the cameras in the world of the calibration file, before its up axis became Z."""
@@ -243,8 +233,8 @@ class Agreeing:
         named = [f"{name} {rate:.4g}" for name, rate in rates.items()]
         values = {"rate": fps, "rates": named, "basis": "assumed" if is_open else "known"}
         problem = diagnostic("camera_rates_differ", cameras=list(rates), **values)
-        resampled = replace(self, resampled=tuple((ratios != 1).tolist()))
-        return resampled.with_detections(at_one_rate(self.detections, ratios)).report(problem)
+        detections, resampled = at_one_rate(self.detections, ratios), tuple((ratios != 1).tolist())
+        return replace(self, detections=detections, resampled=resampled).report(problem)
 
     def read(self, reading: Reading, options: ReadOptions) -> Agreeing:
         """Correct the calibration and the detections as an interpretation requires."""
@@ -255,7 +245,7 @@ class Agreeing:
         known = tuple(self.calibration.size_known[owner] for owner in reading.owners if self.calibration.size_known)
         cameras = with_up_axis(cameras, options.up_axis or "z")
         calibration = replace(self.calibration, cameras=cameras, rolls=rolls, size_known=known)
-        return replace(self, calibration=calibration).with_detections(detections)
+        return replace(self, calibration=calibration, detections=detections)
 
     def apply(self, found: Explanation, options: ReadOptions) -> Agreeing:
         """Apply the interpretation of an explanation, and report the corrections or open alternatives."""
@@ -285,7 +275,7 @@ def bring_to_agreement(
         CalibrationInvalid: all cameras are at one point.
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
     """
-    files = Agreeing(calibration, InTime(detections), (False,) * len(detections.cameras))
+    files = Agreeing(calibration, detections, (False,) * len(detections.cameras))
     if len(detections.cameras) == 1:
         return _read_one_view(files, options)
     if not np.ptp(calibration.cameras.centres, axis=0).any():
@@ -298,7 +288,7 @@ def bring_to_agreement(
         relative = rates_by_length(calibration.cameras, detections)
         ratios, is_open = of_the_take(relative)
         files = files.at_rates(ratios, fps, is_open=is_open and options.fps is None)
-    numbered = replace(files, in_time=InTime(as_numbered(files.detections)))
+    numbered = replace(files, detections=as_numbered(files.detections))
     found = None if options.as_calibrated else numbered.explained(options)
     settled = found is not None and (found.agrees or found.changed) and not found.reading.is_of_one_camera
     if found is not None and settled:
@@ -312,9 +302,10 @@ def bring_to_agreement(
             where = {"cameras": files.detections.cameras, "meanings": reading.correction(0).meaning()}
             corrected = diagnostic("calibration_corrected", result="never", **where)
             files = files.read(reading, options).report(corrected)
-    files = replace(files, in_time=bring_to_one_time(files.calibration.cameras, files.detections, fps, options))
+    in_time = bring_to_one_time(files.calibration.cameras, files.detections, fps, options)
+    files = replace(files, detections=in_time.detections, first_rows=in_time.first_rows).report(*in_time.found)
     if found is not None and files.calibration is calibration and not settled:
-        if files.in_time.first_rows or any(files.resampled):
+        if files.first_rows or any(files.resampled):
             found = files.explained(options)
         files = files.apply(found, options)
     return files
@@ -334,10 +325,8 @@ def _read_one_view(files: Agreeing, options: ReadOptions) -> Agreeing:
         size, hands = camera.image_size[0], None if seen.hands is None else seen.hands.copy()
         if hands is not None:
             hands[..., :2] = unturn(hands[..., :2], turn, size)
-        files = files.with_detections(replace(seen, xy=unturn(seen.xy, turn, size), hands=hands))
-    else:
-        files = files.read(Reading.as_written(1).with_view(0, pictures=found.picture), options)
-    return replace(files, turned=files.detections is not seen)
+        return replace(files, detections=replace(seen, xy=unturn(seen.xy, turn, size), hands=hands), turned=True)
+    return files.read(Reading.as_written(1).with_view(0, pictures=found.picture), options)
 
 
 def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:

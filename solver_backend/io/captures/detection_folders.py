@@ -90,7 +90,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
     stated = [None if header is None else header.fps for header in videos]
     agreeing = bring_to_agreement(calibration, detections, rate, stated, options)
-    in_time, calibration, detections = agreeing.in_time, agreeing.calibration, agreeing.detections
+    calibration, detections = agreeing.calibration, agreeing.detections
     hidden = (moved or agreeing.turned for moved in agreeing.resampled)
     footage = tuple(None if other else path for path, other in zip(footage, hidden, strict=True))
     kept = options.as_calibrated or options.scale != 1.0
@@ -106,17 +106,16 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     person = people[0]
     asked = replace(options, level=ON) if guessed else options
     world = fit_world(cameras, person.keypoints, asked, options.up_axis, calibration.rolls)
-    as_filmed = not (in_time.first_rows or any(agreeing.resampled))
+    as_filmed = not (agreeing.first_rows or any(agreeing.resampled))
     several, filmed = len(people) > 1, any(footage)
     changed = (*scaled, *world.found, *world.check.found())
-    notes = (calibration.notes, detections.notes, rate_notes, notes_in(in_time.found), person.notes, notes_in(changed))
+    notes = (calibration.notes, detections.notes, rate_notes, notes_in(agreeing.found), person.notes, notes_in(changed))
     problems = (
         calibration.problems,
         detections.problems,
         rate_problems,
-        agreeing.problems,
+        warnings_in(agreeing.found),
         _length_problems(videos, detections.num_frames) if as_filmed else (),
-        warnings_in(in_time.found),
         report_cuts(take_cuts(detections), detections.num_frames),
         report_order(detections),
         person.problems,
@@ -128,7 +127,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         cameras=world.cameras,
         keypoints=person.keypoints,
         footage=footage if filmed else (),
-        footage_first=in_time.first_rows if filmed else (),
+        footage_first=agreeing.first_rows if filmed else (),
         sources=(*listed_paths(tuple(sources.values())), str(calibration.source), *config.sources),
         people=tuple(PersonInViews(p.name, p.keypoints) for p in people) if several else (),
         person=person.name if several else "",
