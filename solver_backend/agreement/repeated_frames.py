@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.agreement.person_tracks import STEP_SHARE
 from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, extent, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.geometry.arrays import quantile, true_runs
+from solver_backend.geometry.arrays import bridges, nearest_true, quantile, true_runs
 from solver_backend.types import Detections, Keypoints2D
 
 LONGEST = 5  # Longest run of repeated or skipped frames to interpolate. Lines of filled gaps are twice as long.
@@ -27,19 +27,15 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
     the step before the run.
     """
     xy, seen = keypoints.xy, keypoints.confidence > 0
-    views, frames = seen.shape[:2]
-    if frames < 3:
-        return np.zeros((views, frames), dtype=bool)
     both = seen[:, 1:] & seen[:, :-1]
     step = np.where(both, np.abs(np.diff(xy, axis=1)).max(axis=-1), 0.0)
     like = both.any(axis=2) & (seen[:, 1:] == seen[:, :-1]).all(axis=2) & (step == 0).all(axis=2)
     moves = 2 * (step > STILL_PX).sum(axis=2) > both.sum(axis=2)
-    number = np.arange(frames - 1)
-    following = np.minimum.accumulate(np.where(like, frames, number)[:, ::-1], axis=1)[:, ::-1]
-    before = np.maximum.accumulate(np.where(like, -1, number), axis=1)
-    beside = np.where(following < frames, following, before)
-    moved = (beside >= 0) & np.take_along_axis(moves, np.clip(beside, 0, frames - 2), axis=1)
-    return np.concatenate([np.zeros((views, 1), dtype=bool), like & moved], axis=1)
+    before, following = nearest_true(~like, axis=1)
+    beside = np.where(following < like.shape[1], following, before)
+    repeated = np.zeros(seen.shape[:2], dtype=bool)
+    repeated[:, 1:] = like & np.take_along_axis(moves, beside, axis=1)
+    return repeated
 
 
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
@@ -84,19 +80,12 @@ def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D
     A repeated frame shows an old position of the person. Detections are removed instead in runs longer than
     ``LONGEST``, and at the end of the take.
     """
-    views, frames = repeated.shape
-    number = np.broadcast_to(np.arange(frames), repeated.shape)
-    before = np.maximum.accumulate(np.where(repeated, 0, number), axis=1)
-    after = np.minimum.accumulate(np.where(repeated, frames, number)[:, ::-1], axis=1)[:, ::-1]
-    bridged = repeated & (after < frames) & (after - before <= LONGEST + 1)
-    after = np.where(bridged, after, number)
-    before = np.where(bridged, before, number)
-    share = ((number - before) / np.maximum(after - before, 1))[..., None]
-    view = np.arange(views)[:, None]
+    before, after, share = bridges(~repeated, LONGEST, axis=1)
+    view = np.arange(len(repeated))[:, None]
     early, late = keypoints.xy[view, before], keypoints.xy[view, after]
     confidence = np.minimum(keypoints.confidence[view, before], keypoints.confidence[view, after])
-    confidence = np.where((repeated & ~bridged)[..., None], 0.0, confidence)
-    xy = early + share[..., None] * (late - early)
+    confidence = np.where((repeated & (before == after))[..., None], 0.0, confidence)
+    xy = early + share[..., None, None] * (late - early)
     hands = None if keypoints.hands is None else np.where(repeated[..., None, None, None], np.nan, keypoints.hands)
     return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
 

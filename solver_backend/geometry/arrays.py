@@ -120,6 +120,29 @@ def true_runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return [(int(first), int(stop) - 1) for first, stop in edges.reshape(-1, 2)]
 
 
+def nearest_true(mask: np.ndarray, axis: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return, at each index of an axis, the last true index at or before it, and the first true index at or after it.
+
+    If there is none, the result is -1 or the length of the axis.
+    """
+    number = np.arange(mask.shape[axis]).reshape(-1, *[1] * (mask.ndim - axis - 1))
+    before = np.maximum.accumulate(np.where(mask, number, -1), axis=axis)
+    after = np.flip(np.where(mask, number, len(number)), axis)
+    return before, np.flip(np.minimum.accumulate(after, axis=axis), axis)
+
+
+def bridges(known: np.ndarray, longest: int, axis: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the two known frames between which each frame of a short gap lies, and its position from 0 to 1.
+
+    Gaps have at most ``longest`` frames. All other frames, known or not, are returned twice with the position 0.
+    """
+    before, after = nearest_true(known, axis)
+    number = np.arange(known.shape[axis]).reshape(-1, *[1] * (known.ndim - axis - 1))
+    is_short = (before >= 0) & (after < len(number)) & (after - before <= longest + 1)
+    before, after = np.where(is_short, before, number), np.where(is_short, after, number)
+    return before, after, (number - before) / np.maximum(after - before, 1)
+
+
 _ROUNDED = {"lower": np.floor, "nearest": np.rint}
 
 

@@ -10,6 +10,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, pose_landmarks
 from solver_backend.body.rest_skeleton import BODY_MIRROR, MIRROR
 from solver_backend.cameras.projection import undistort
+from solver_backend.geometry.arrays import bridges
 from solver_backend.geometry.interpolation import spherical_normalisation
 from solver_backend.geometry.rotations import matrix_from_6d, matrix_to_6d
 from solver_backend.priors.base import AutoencodingPrior
@@ -139,12 +140,8 @@ def bridge_gaps(image: np.ndarray, confidence: np.ndarray, longest: int) -> tupl
     Args:
         image: (F, L, 2) points, arbitrary where the confidence (F, L) is 0.
     """
-    seen, number = confidence > 0, np.broadcast_to(np.arange(len(image))[:, None], confidence.shape)
-    before = np.maximum.accumulate(np.where(seen, number, -1), axis=0)
-    after = np.minimum.accumulate(np.where(seen, number, len(image))[::-1], axis=0)[::-1]
-    bridged = ~seen & (before >= 0) & (after < len(image)) & (after - before <= longest + 1)
-    before, after = np.where(bridged, before, number), np.where(bridged, after, number)
-    column, share = np.arange(image.shape[1]), ((number - before) / np.maximum(after - before, 1))[..., None]
+    before, after, share = bridges(confidence > 0, longest)
+    bridged, share, column = before < after, share[..., None], np.arange(image.shape[1])
     between = (1.0 - share) * image[before, column] + share * image[after, column]
     return np.where(bridged[..., None], between, image), np.where(bridged, BRIDGED_CONFIDENCE, confidence)
 

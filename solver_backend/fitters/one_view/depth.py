@@ -22,7 +22,7 @@ from solver_backend.fitters.model.subject import BLOCK_POSES, FrameObjective, Su
 from solver_backend.fitters.one_view.steady import stand_on_floor, steady_depth
 from solver_backend.fitters.problem import Measurements, PointSource, Problem, RestWords, SolvedFrames, SolvedLayer
 from solver_backend.fitters.recipes.bundle import Bundle
-from solver_backend.geometry.arrays import constant, to_numpy, true_runs
+from solver_backend.geometry.arrays import constant, nearest_true, to_numpy, true_runs
 from solver_backend.geometry.small_matrices import packed, unpacked
 from solver_backend.priors.lifted_take import LiftedTake
 from solver_backend.priors.view_lifter import PARTS, bone_slants, flip_chances
@@ -206,8 +206,7 @@ def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray,
 
 def _last_seen(both: np.ndarray, reach: int) -> np.ndarray:
     """Return the last earlier frame (F, P) that shows each pair, or -1 if it is more than ``reach`` frames ago."""
-    frame = np.where(both, np.arange(len(both))[:, None], -1)
-    before = np.vstack([np.full((1, both.shape[1]), -1), np.maximum.accumulate(frame, axis=0)[:-1]])
+    before = np.vstack([np.full((1, both.shape[1]), -1), nearest_true(both)[0][:-1]])
     return np.where(np.arange(len(both))[:, None] - before <= reach, before, -1)
 
 

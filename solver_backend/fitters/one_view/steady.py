@@ -13,7 +13,7 @@ from solver_backend.exchange.rigs.rest_frames import swing
 from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.fitters.one_view.shape import foot_vertices
 from solver_backend.fitters.problem import SolvedFrames
-from solver_backend.geometry.arrays import constant, to_numpy, true_runs
+from solver_backend.geometry.arrays import constant, nearest_true, to_numpy, true_runs
 from solver_backend.geometry.interpolation import smooth
 from solver_backend.geometry.rotations import exp_so3
 
@@ -170,20 +170,10 @@ def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
     return slides
 
 
-def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each frame, the nearest standing frame at or before it, and the nearest one at or after it.
-
-    Where there is none, the results are -1 and F, the number of frames.
-    """
-    number = np.arange(len(stands))
-    after = np.minimum.accumulate(np.where(stands, number, len(stands))[::-1])[::-1]
-    return np.maximum.accumulate(np.where(stands, number, -1)), after
-
-
 def released(moves: np.ndarray, stands: np.ndarray, frames: int) -> np.ndarray:
     """Extend corrections (F, 3) of planted feet. They fade out over ``frames`` before and after each contact."""
     number, count = np.arange(len(moves)), len(moves)
-    before, after = _stands_around(stands)
+    before, after = nearest_true(stands)
     total = np.zeros_like(moves)
     for at, known in ((before, before >= 0), (after, after < count)):
         share = np.clip(1.0 - np.abs(number - at) / max(frames, 1), 0.0, 1.0)

@@ -17,7 +17,7 @@ from solver_backend.exchange.rigs.skeleton import LIMBS, Skeleton, is_plausible
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.exchange.so3 import matrix_from_quat
-from solver_backend.geometry.arrays import true_runs
+from solver_backend.geometry.arrays import nearest_true, true_runs
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.files import read_xml
 from solver_backend.io.markers.c3d import read_segments
@@ -178,8 +178,7 @@ def _near(name: str, names: tuple[str, ...]) -> str:
 def _filled(places: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Fill gaps in positions and rotations with the last known value."""
     known = np.isfinite(places).all(-1)
-    frames = np.arange(len(places))[:, None]
-    last = np.maximum.accumulate(np.where(known, frames, -1), axis=0)
+    last, _ = nearest_true(known)
     last = np.where(last < 0, known.argmax(0), last)
     columns = np.arange(places.shape[1])
     return places[last, columns], G[last, columns]

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.agreement.evidence import FRAMES, SAMPLED_FRAMES
+from solver_backend.agreement.reading import sample
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.types import Detections
 
@@ -56,7 +57,7 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
     points, seen = xy.reshape(-1, count, 2), confidence.reshape(-1, count) > 0
     seen &= np.isfinite(points).all(-1)
     rows = np.flatnonzero(seen.any(1))
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, SAMPLED_FRAMES).astype(int))] if len(rows) else rows
+    rows = rows[sample(len(rows), SAMPLED_FRAMES)]
     few, chosen = points[rows], seen[rows]
     if not chosen.any():
         return None

@@ -76,10 +76,8 @@ def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[i
         FrameCountMismatch: the ranges differ without ``trim``, or the cameras have no common frame.
     """
     firsts, lasts = zip(*spans.values(), strict=True)
-    if len(set(spans.values())) == 1:
-        return firsts[0], lasts[0]
     first, last = max(firsts), min(lasts)
-    if first > last or not trim:
+    if first > last or (len(set(spans.values())) > 1 and not trim):
         raise different_frames(spans)
     return first, last
 

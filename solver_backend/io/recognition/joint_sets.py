@@ -114,11 +114,8 @@ def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> f
     points = np.where((confidence > 0)[..., None], xy, np.nan)
     seen = np.isfinite(points).all(-1)
     points = points[seen.sum(1) >= len(names) // 2]
-    if not len(points):
-        return float("inf")
     height = (np.nanmax(points, axis=1) - np.nanmin(points, axis=1)).max(-1)
     lengths = np.linalg.norm(points[:, start] - points[:, end], axis=-1)
-    known = np.isfinite(lengths)
-    square = np.where(known, lengths**2, 0).sum(1) / np.maximum(known.sum(1), 1)
-    usable = (height > 0) & known.any(1)
-    return float(np.median(np.sqrt(square[usable]) / height[usable])) if usable.any() else float("inf")
+    usable = (height > 0) & np.isfinite(lengths).any(1)
+    rms = np.sqrt(np.nanmean(lengths[usable] ** 2, axis=1))
+    return float(np.median(rms / height[usable])) if usable.any() else float("inf")

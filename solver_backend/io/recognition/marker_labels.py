@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
 from itertools import count
 
 from solver_backend.body.joint_names import is_joint_centre
@@ -35,22 +35,14 @@ def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ..
 
     An empty label becomes '*' with its position, counted from 1. The second 'LASI' becomes 'LASI (2)'.
     """
-    counts = Counter(label for label in labels if label)
-    taken: set[str] = set(counts)
-    numbers: dict[str, int] = {}
-    unique: list[str] = []
+    taken, unique = set(labels), dict[str, None]()
+    copies: dict[str, Iterator[int]] = defaultdict(lambda: count(2))
     for number, label in enumerate(labels, 1):
         name = base = label or f"*{number}"
-        if label in numbers or (not label and base in taken):
-            next_number = next(k for k in count(numbers.get(label, 2)) if f"{base} ({k})" not in taken)
-            name = f"{base} ({next_number})"
-            if label:
-                numbers[label] = next_number
-        elif label:
-            numbers[label] = 2
-        taken.add(name)
-        unique.append(name)
-    return tuple(unique), tuple(label for label, times in counts.items() if times > 1)
+        while name in unique or (name != label and name in taken):
+            name = f"{base} ({next(copies[base])})"
+        unique[name] = None
+    return tuple(unique), tuple(label for label, times in Counter(filter(None, labels)).items() if times > 1)
 
 
 UNPREFIXED = "Unprefixed"  # Subject of labels without a prefix if other labels have one.
@@ -89,13 +81,12 @@ def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
         if found := pattern.fullmatch(label):
             groups.setdefault(found["subject"].strip(), {})[label] = found["name"].strip()
     large = {subject: list(names.values()) for subject, names in groups.items() if len(names) >= LEAST_MARKERS}
-    worn = {subject: _places(names) for subject, names in large.items()} if len(large) > 1 else {}
-    people = [subject for subject, places in worn.items() if len(places) >= LEAST_MARKERS]
-    shared = frozenset[str].intersection(*(worn[subject] for subject in people)) if len(people) > 1 else frozenset()
-    apart = sum(len(worn[subject]) for subject in people)
-    if len(people) < 2 or 2 * len(shared) < min(len(worn[subject]) for subject in people):
+    people = {subject: places for subject in large if len(places := _places(large[subject])) >= LEAST_MARKERS}
+    if len(people) < 2:
         return {}
-    if apart < 2 * len(_places(list(labels))):  # most labels are known without renaming
+    shared, counts = frozenset[str].intersection(*people.values()), [len(worn) for worn in people.values()]
+    # Labels that mostly name landmarks as they are need no pattern.
+    if 2 * len(shared) < min(counts) or sum(counts) < 2 * len(_places(list(labels))):
         return {}
     return {label: f"{subject}:{name}" for subject in people for label, name in groups[subject].items()}
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.fitters.one_view.shape import foot_vertices
-from solver_backend.fitters.one_view.steady import _stands_around, stand_on_floor
+from solver_backend.fitters.one_view.steady import stand_on_floor
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.rotations import exp_so3
@@ -107,16 +106,6 @@ def test_planted_feet_stay_while_a_drifting_height_moves_the_body_along_a_pitche
         for foot in soles(stood):
             assert np.abs(np.diff(foot.mean(axis=1)[:, :2], axis=0)).max() * FPS < 0.005
             assert np.abs(foot[..., 2].min(axis=1)).max() < 2e-3
-
-
-def test_the_frames_around_each_stand_need_memory_that_grows_with_frames_only() -> None:
-    frames = 100_000
-    stands = np.arange(frames) % 3 > 0
-    tracemalloc.start()
-    before, after = _stands_around(stands)
-    assert tracemalloc.get_traced_memory()[1] < 100 * frames
-    tracemalloc.stop()
-    assert before[:4].tolist() == [-1, 1, 2, 2] and after[-2:].tolist() == [frames - 2, frames]
 
 
 def test_feet_high_above_the_floor_do_not_pull_the_body_down() -> None:
