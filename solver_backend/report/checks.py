@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.epipolar_fit import report_lenses
-from solver_backend.agreement.reading import MIN_POINTS
+from solver_backend.agreement.reading import MIN_POINTS, extent
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import limb_of, of_one_limb
@@ -287,9 +287,7 @@ def _middles(px: np.ndarray) -> np.ndarray:
 
 def _extents(px: np.ndarray) -> np.ndarray:
     """Return the (C, F) diagonals of the boxes around (C, F, K, 2) pixels, NaN with too few points."""
-    known = np.isfinite(px)
-    size = np.where(known, px, -np.inf).max(-2) - np.where(known, px, np.inf).min(-2)
-    return np.where(known.all(-1).sum(-1) >= MIN_POINTS, np.hypot(size[..., 0], size[..., 1]), np.nan)
+    return np.where(np.isfinite(px).all(-1).sum(-1) >= MIN_POINTS, extent(px), np.nan)
 
 
 def _views(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
