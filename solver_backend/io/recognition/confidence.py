@@ -80,13 +80,10 @@ def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
     if not len(seen) or np.quantile(np.abs(seen), _MOST) > _LARGEST:
         return detections
     size = np.asarray(image_size, detections.xy.dtype)[:, None, None, None]  # (C, 1, 1, 1, 2)
-    hands, xy = detections.hands, detections.xy
     span = "centred" if np.quantile(seen, 1 - _MOST) < 0 else "unit"
-    if span == "centred":
-        xy = (xy + 1) / 2
-        hands = None if hands is None else np.concatenate([(hands[..., :2] + 1) / 2, hands[..., 2:]], -1)
+    corner, scale = (-1, size / 2) if span == "centred" else (0, size)
+    xy, hands = (detections.xy - corner) * scale, detections.hands
     if hands is not None:
-        hands = hands * np.concatenate([size, np.ones_like(size[..., :1])], axis=-1)[..., None, None, :]
-    return replace(
-        detections, xy=xy * size, hands=hands, notes=(*detections.notes, diagnostic("detections_scaled", span=span))
-    )
+        hands = np.concatenate([(hands[..., :2] - corner) * scale[..., None, :], hands[..., 2:]], axis=-1)
+    notes = (*detections.notes, diagnostic("detections_scaled", span=span))
+    return replace(detections, xy=xy, hands=hands, notes=notes)

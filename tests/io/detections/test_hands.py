@@ -24,11 +24,13 @@ from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import read_capture, write_capture
+from solver_backend.io.recognition.confidence import in_pixels
 from solver_backend.types import Capture, Detections, JointSet, Keypoints2D, PersonInViews
 from tests.support.scenes import detected, ring_of_cameras, small_capture, walker
 from tests.support.trial_files import write_trial
 
 CAMERAS, FRAMES = ("cam01", "cam02", "cam03"), 4
+SIZE = np.array([1920, 1080])  # Width and height of the images in pixels.
 RNG = np.random.default_rng(5)
 
 
@@ -80,6 +82,19 @@ def read_hands(root: Path) -> np.ndarray:
     hands = read(root).hands
     assert hands is not None
     return hands
+
+
+@pytest.mark.parametrize(("corner", "scale"), [(0.0, SIZE), (-1.0, SIZE / 2)], ids=["from the corner", "centred"])
+def test_hands_in_fractions_of_the_image_become_pixels(corner: float, scale: np.ndarray, tmp_path: Path) -> None:
+    def people(c: int, f: int) -> list[dict[str, Any]]:
+        flat = [np.concatenate([p[..., :2] / scale + corner, p[..., 2:]], -1) for p in (BODY[c, f, :25], *HANDS[c, f])]
+        names = ("pose_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
+        return [{name: points.ravel().tolist() for name, points in zip(names, flat, strict=True)}]
+
+    write(tmp_path / "take", people)
+    found = in_pixels(read(tmp_path / "take"), np.tile(SIZE, (len(CAMERAS), 1)))
+    np.testing.assert_allclose(found.xy[:, :, 0], BODY[..., :25, :2], atol=1e-3)
+    np.testing.assert_allclose(found.hands[:, :, 0], HANDS, atol=1e-3)
 
 
 @pytest.mark.parametrize("people", [openpose, old_openpose, whole_body, halpe], ids=lambda people: people.__name__)
