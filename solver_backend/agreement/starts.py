@@ -70,11 +70,16 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
 
 
 def strength(cameras: Cameras, detections: Detections) -> float:
-    """Return how strongly a few frames match at the best offsets (see ``PeopleLags.strengths``)."""
+    """Return how strongly a few frames of the median camera match at the best offsets."""
+    return float(np.median(_strengths(cameras, detections)))
+
+
+def _strengths(cameras: Cameras, detections: Detections) -> np.ndarray:
+    """Return how strongly a few frames of each camera match at the best offsets (see ``PeopleLags.strengths``)."""
     step = max(1, -(-detections.num_frames // SAMPLED_FRAMES))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
     gains = people_lags(cameras, sightings(cameras, thin).xy)
-    return float(np.median(gains.strengths(best_offsets(gains.gains, len(cameras)))))
+    return gains.strengths(best_offsets(gains.gains, len(cameras)))
 
 
 def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None:
@@ -182,8 +187,12 @@ def rates_by_length(cameras: Cameras, detections: Detections) -> np.ndarray:
 
 
 def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> bool:
-    """Return whether the views match better at these (C,) frame rates, relative to the take's, than at rates of 1."""
+    """Return whether the views match better at these (C,) frame rates, relative to the take's, than at rates of 1.
+
+    Cameras of one rate match each other at any rate, so the rate whose median camera matches least decides.
+    """
     if (rates == 1).all():
         return False
-    then, now = (strength(cameras, rows) for rows in (at_one_rate(detections, rates), detections))
+    tried = (_strengths(cameras, rows) for rows in (at_one_rate(detections, rates), detections))
+    then, now = (min(float(np.median(found[rates == rate])) for rate in set(rates.tolist())) for found in tried)
     return then >= LEAST_STRENGTH and now < RIVAL_SHARE * then

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.starts import at_one_rate, rates_match, read_out_of_step
+from solver_backend.agreement.starts import at_one_rate, rates_by_length, rates_match, read_out_of_step
 from solver_backend.cameras.camera_corrections import CameraCorrection
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Detections
+from tests.support.scenes import detected, ring_of_cameras, walker
 
 CAMERAS, KEYPOINTS = demo_capture().require_multiview()
 COUNT = len(CAMERAS)
@@ -46,6 +47,19 @@ def half(seen: Detections, chosen: list[int]) -> Detections:
 def test_stated_frame_rates_are_believed_where_the_views_match_by_them(starts: list[int], rates: list[float]) -> None:
     assert rates_match(CAMERAS, recorded(starts, rates), np.array(rates))
     assert not rates_match(CAMERAS, recorded(starts, [1, 1, 1, 1]), np.array(rates))
+
+
+def test_one_camera_of_another_rate_among_many_is_found() -> None:
+    cameras, rate, rng = ring_of_cameras(7), 5 / 6, np.random.default_rng(0)
+    xy, confidence = detected(cameras, walker(KEYPOINTS.joint_set, 90, (-0.8, 0.3), (0.6, 0.1)), rng)
+    lengths = [90] * 6 + [75]
+    xy[6, :75], confidence[6, 75:] = xy[6, np.round(np.arange(75) / rate).astype(int)], 0.0
+    xy[confidence == 0] = np.nan
+    seen = Detections(
+        cameras.names, xy[:, :, None].astype(np.float32), confidence[:, :, None].astype(np.float32),
+        KEYPOINTS.joint_set, first_frames=(0,) * 7, lengths=tuple(lengths),
+    )  # fmt: skip
+    np.testing.assert_allclose(rates_by_length(cameras, seen), [1, 1, 1, 1, 1, 1, rate], atol=1e-6)
 
 
 @pytest.mark.slow
