@@ -153,7 +153,7 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
     up = trunk = trunk_direction(points, joint_set)
     if not np.isfinite(up).all():
         raise NoDetections("Shoulders and ankles are never visible at the same time, so the up direction is unknown.")
-    body, feet = body_points(points, joint_set), points[:, foot_keypoints(joint_set)]
+    body, feet = body_points(points, joint_set), points[:, foot_keypoints(points, joint_set)]
     alike = max(1.0, BRIDGE_S * fps) * feet.shape[1]
     known = np.isfinite(feet).all(-1)
     feet, kind = feet[known], np.nonzero(known)[1]
@@ -212,16 +212,16 @@ def _floor(feet: np.ndarray, kind: np.ndarray, weight: np.ndarray, alike: float)
     return Witness(information[:, :2], -information[:, 2]), weight
 
 
-def foot_keypoints(joint_set: JointSet) -> list[int]:
-    """Return the columns of heels and toes, or of the ankles if the joint set has neither."""
+def foot_keypoints(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> list[int]:
+    """Return the columns of heels and toes, or of the ankles if no heel or toe is visible."""
     names = joint_set.keypoints
     kinds = [k for k, n in enumerate(names) if n.endswith(("_heel", "_toe"))]
-    return kinds or [k for k, n in enumerate(names) if n.endswith("_ankle")]
+    return kinds if np.isfinite(points[:, kinds]).any() else [k for k, n in enumerate(names) if n.endswith("_ankle")]
 
 
 def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> float:
     """Estimate the height in metres of the floor under an upright person's feet."""
-    kinds = foot_keypoints(joint_set)
+    kinds = foot_keypoints(points, joint_set)
     heights = points[:, kinds, 2]
     low = np.full(len(kinds), np.nan)
     seen = np.isfinite(heights).any(axis=0)

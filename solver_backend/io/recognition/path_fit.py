@@ -53,7 +53,8 @@ def fit_path(
         size = stature_m / body.stature_m if stature_m else 1.0
         from_camera = size * lifted.placed(body, landmarks, np.zeros(10))[0] @ V
         shown = lifted.confidence > 0
-        feet = sorted(foot_keypoints(keypoints.joint_set), key=lambda k: keypoints.joint_set.keypoints[k])  # by side
+        feet = foot_keypoints(np.where(shown[..., None], from_camera, np.nan), keypoints.joint_set)
+        feet.sort(key=lambda k: keypoints.joint_set.keypoints[k])  # by side
         # The rays of the detections, because lifted feet are smoothed and move while they stand.
         depth = np.where(shown, np.einsum("fka,fa->fk", from_camera, V[:, 2]), np.nan)[:, feet, None]
         visible = depth * (np.insert(lifted.image[:, feet], 2, 1.0, axis=-1) @ V)

@@ -8,7 +8,7 @@ import pytest
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.gravity import body_points, leaning, mean_variance, upright_from_person
+from solver_backend.io.recognition.gravity import body_points, floor_height, leaning, mean_variance, upright_from_person
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
 from tests.support.recordings import BALANCING_TRIAL
@@ -33,6 +33,13 @@ def test_a_walk_tells_up_in_any_world_as_well_as_it_says(joint_set: JointSet) ->
     turn = exp_so3(np.array([0.9, -0.4, 0.2]))
     found = upright_from_person(noisy @ turn.T, joint_set, 30.0)
     assert np.degrees(np.arccos((found.R @ turn)[2, 2])) == pytest.approx(off, abs=0.3)
+
+
+def test_ankles_show_the_floor_where_no_toe_was_detected() -> None:
+    points = cast_person(walk(60), np.random.default_rng(3)).landmarks(JointSet.BODY_25).points
+    points[:, [k for k, name in enumerate(JointSet.BODY_25.keypoints) if name.endswith(("heel", "toe"))]] = np.nan
+    assert floor_height(points, JointSet.BODY_25) == pytest.approx(0.02, abs=0.04)
+    assert np.isfinite(upright_from_person(points, JointSet.BODY_25, 30.0).t).all()
 
 
 def test_who_leans_from_her_hips_is_told_upright_by_her_balance() -> None:
