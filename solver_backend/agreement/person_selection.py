@@ -12,17 +12,17 @@ from solver_backend.agreement.body_evidence import MEAN_STATURE_M
 from solver_backend.agreement.evidence import LEAST_NOISE, SAMPLED_FRAMES, SIGMAS
 from solver_backend.agreement.person_tracks import (
     BRIDGE_S,
-    STEP_SHARE,
     TOLERANCE_M,
     PeopleInSpace,
     assigned_exclusively,
     candidates,
     detection_distances,
+    joined_tracks,
     persons,
     ray_directions,
     view_tracks,
 )
-from solver_backend.agreement.reading import MIN_POINTS, Sightings, extent, sightings
+from solver_backend.agreement.reading import Sightings, extent, sightings
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
@@ -56,7 +56,7 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
     """
     _require_two_views(detections)
     seen = sightings(cameras, detections)
-    tracks = view_tracks(seen)
+    tracks = view_tracks(seen.xy)
     people = assigned_exclusively(candidates(seen, progress), tracks)
     found = persons(people, tracks, fps)
     if not found:
@@ -273,9 +273,6 @@ def _report(
     return tuple(notes), tuple(problems)
 
 
-Track = list[tuple[int, int]]  # Frame and row of one person's detections.
-
-
 def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPerson, ...]:
     """Return the people in one view, ordered by size times duration.
 
@@ -285,41 +282,18 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     own, count = [point.name for point in detections.own], detections.joint_set.num_keypoints
     xy, confidence = detections.xy[..., :count, :], detections.confidence[..., :count]
     detections = replace(detections, xy=xy, confidence=confidence, own=())
-    xy, confidence = xy[0], confidence[0]
-    size = np.nan_to_num(extent(np.where((confidence > 0)[..., None], xy, np.nan)))
-    tracks = _followed(xy, confidence, size, max(1.0, BRIDGE_S * fps))
-    if not tracks:
+    points = np.where((confidence > 0)[..., None], xy, np.nan)[0]
+    tracks = joined_tracks(points, fps)
+    shown = tracks >= 0
+    if not shown.any():
         where = ", ".join(detections.cameras)
         raise NoDetections("No person was detected.", where=where, hint="Run the detector again.")
-    tracks.sort(key=lambda track: -sum(float(size[at]) for at in track))
-    longest = max(map(len, tracks))  # much shorter tracks are passers-by
-    kept = [track for track in tracks if track is tracks[0] or len(track) >= (1 - SURE_SHARE) * longest]
-    others = [diagnostic("other_tracks", count=len(tracks) - 1, solvable=len(kept) - 1)] if len(tracks) > 1 else []
-    notes = (diagnostic("person_chosen", basis="largest", seen=len(kept[0]), of=len(xy)), *others)
+    seen, size = np.bincount(tracks[shown]), np.bincount(tracks[shown], extent(points)[shown])
+    enough = seen >= (1 - SURE_SHARE) * seen.max()  # much shorter tracks are passers-by
+    kept = [n for n in np.argsort(-size).tolist() if enough[n] or n == size.argmax()]
+    count = int((seen > 0).sum())
+    others = [diagnostic("other_tracks", count=count - 1, solvable=len(kept) - 1)] if count > 1 else []
+    notes = (diagnostic("person_chosen", basis="largest", seen=int(seen[kept[0]]), of=len(points)), *others)
     problems = (diagnostic("own_point_unused", reason="single", joints=own),) if own else ()
-    people = np.zeros((len(kept), *detections.confidence.shape[:3]), bool)
-    for accepted, track in zip(people, kept, strict=True):
-        frames, rows = zip(*track, strict=True)
-        accepted[0, frames, rows] = True
-    return _selected(detections, fps, zip(people, people.astype(float), strict=True), notes, problems)
-
-
-def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: float) -> list[Track]:
-    tracks: list[Track] = []
-    present = (confidence > 0).sum(axis=-1) >= MIN_POINTS
-
-    def distance(one: tuple[int, int], other: tuple[int, int]) -> float:
-        both = (confidence[one] > 0) & (confidence[other] > 0)
-        apart = float(np.median(np.linalg.norm(xy[one][both] - xy[other][both], axis=-1))) if both.any() else np.inf
-        return apart / max(float(size[one]), float(size[other]), 1e-6)
-
-    for frame in range(len(xy)):  # an image depends on the previous one
-        free = np.flatnonzero(present[frame]).tolist()
-        living = [track for track in tracks if frame - track[-1][0] <= gone]
-        pairs = sorted((distance(track[-1], (frame, row)), n, row) for n, track in enumerate(living) for row in free)
-        for apart, n, row in pairs:
-            if apart < 2 * STEP_SHARE and row in free and living[n][-1][0] != frame:
-                free.remove(row)
-                living[n].append((frame, row))
-        tracks += [[(frame, row)] for row in free]
-    return tracks
+    people = (tracks[None] == n for n in kept)
+    return _selected(detections, fps, ((person, person.astype(float)) for person in people), notes, problems)

@@ -14,7 +14,7 @@ from math import dist
 import numpy as np
 
 from solver_backend.agreement.evidence import SAMPLED_FRAMES, STRIDE
-from solver_backend.agreement.reading import MIN_POINTS, Sightings
+from solver_backend.agreement.reading import MIN_POINTS, Sightings, extent
 from solver_backend.exchange.progress import Progress
 from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
@@ -253,40 +253,64 @@ def _joined(
     follows = later & (fps * absence_s > -STRIDE)  # pieces overlap by few frames after wrongly paired detections
     possible = follows & (cost < np.where(shared > 0, 3.0, 1.0))
     # The last term prefers the shorter absence among near candidates.
-    total = np.where(possible, cost - 3.0 * shared + 0.1 * np.log1p(np.maximum(absence_s, 0.0)), np.inf)
-    follower = np.full(len(tracklets), -1)
-    followed = np.zeros(len(tracklets), bool)
-    for flat in np.argsort(total, axis=None)[: int(possible.sum())]:
-        a, b = divmod(int(flat), len(tracklets))
-        if follower[a] < 0 and not followed[b]:
-            follower[a], followed[b] = b, True
-    joined = []
-    for start in np.flatnonzero(~followed):
-        pieces, i = [], int(start)
-        while i >= 0:
-            pieces.append(tracklets[i])
-            i = int(follower[i])
-        joined.append(np.concatenate(pieces))
-    return joined
+    total = cost - 3.0 * shared + 0.1 * np.log1p(np.maximum(absence_s, 0.0))
+    chain = _chained(len(tracklets), *np.nonzero(possible), total[possible])
+    return [np.concatenate([tracklets[i] for i in np.flatnonzero(chain == start)]) for start in np.unique(chain)]
+
+
+def _chained(count: int, before: np.ndarray, after: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Link pairs of ``count`` items, the cheapest first. Return the first item of each one's chain.
+
+    An item is linked to at most one item before it and one after it.
+    """
+    previous, is_last = np.arange(count), np.ones(count, bool)
+    order = np.argsort(cost)
+    for a, b in zip(before[order].tolist(), after[order].tolist(), strict=True):
+        if is_last[a] and previous[b] == b:
+            is_last[a], previous[b] = False, a
+    return _firsts(previous)
+
+
+def _firsts(previous: np.ndarray) -> np.ndarray:
+    while (previous != previous[previous]).any():  # each round doubles the steps back
+        previous = previous[previous]
+    return previous
 
 
 STEP_SHARE = 0.2  # Largest movement of a person's keypoints per frame, relative to the person's size.
 
 
-def view_tracks(seen: Sightings) -> np.ndarray:
-    """Return (C, F, P) unique track numbers of detections, -1 without a detection.
+def view_tracks(xy: np.ndarray) -> np.ndarray:
+    """Return (C, F, P) unique track numbers of detections at xy (C, F, P, J, 2), -1 without a detection.
 
     Two detections in consecutive frames are linked if they are nearest to each other, and all others are at least twice
     as far away. Ambiguous frames, such as those with two crossing people, end a track.
     """
-    present, links = seen.present(), np.stack([_links(view) for view in seen.xy])
+    present, links = np.isfinite(xy[..., 0]).sum(-1) >= MIN_POINTS, np.stack([_links(view) for view in xy])
     number = np.arange(present.size).reshape(present.shape)
     before = np.take_along_axis(number[:, :-1], np.maximum(links, 0), axis=2)
     number[:, 1:] = np.where(links >= 0, before, number[:, 1:])
-    first = number.ravel()
-    while (first != first[first]).any():  # each round doubles the frames back to the first detection of a track
-        first = first[first]
-    return np.where(present, np.unique(first, return_inverse=True)[1].reshape(present.shape), -1)
+    tracks = np.where(present, 0, -1)
+    tracks[present] = np.unique(_firsts(number.ravel())[present.ravel()], return_inverse=True)[1]
+    return tracks
+
+
+def joined_tracks(xy: np.ndarray, fps: float) -> np.ndarray:
+    """Join the ``view_tracks`` (F, P) of one view over absences and ambiguous frames, the nearest ends first."""
+    tracks, points, most = view_tracks(xy[None]).ravel(), xy.reshape(-1, *xy.shape[2:]), xy.shape[1]
+    shown = np.flatnonzero(tracks >= 0)
+    first, last = (rows[np.unique(tracks[rows], return_index=True)[1]] for rows in (shown, shown[::-1]))
+    begins, ends = first // most, last // most
+    low, high = (np.searchsorted(begins, ends + frames, "right") for frames in (0, max(1, round(BRIDGE_S * fps))))
+    count = np.minimum(high - low, 2 * most)  # bounds memory
+    before = np.repeat(np.arange(len(ends)), count)
+    after = np.arange(len(before)) + np.repeat(low + count - np.cumsum(count), count)
+    one, other = points[last[before]], points[first[after]]
+    size = np.maximum(np.fmax(extent(one), extent(other)), 1e-6)
+    cost = quantile(np.linalg.norm(other - one, axis=-1), 0.5, axis=-1) / size
+    near = cost < 2 * STEP_SHARE
+    tracks[shown] = _chained(len(first), before[near], after[near], cost[near])[tracks[shown]]
+    return tracks.reshape(xy.shape[:2])
 
 
 def _links(xy: np.ndarray) -> np.ndarray:

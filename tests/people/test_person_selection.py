@@ -224,7 +224,7 @@ def test_tracks_of_a_view_end_where_two_people_cannot_be_told_apart() -> None:
         np.concatenate([detections.confidence, detections.confidence], axis=2),
         COCO,
     )
-    alone, crowded = (view_tracks(sightings(cameras, d)) for d in (detections, twice))
+    alone, crowded = (view_tracks(sightings(cameras, d).xy) for d in (detections, twice))
     assert len(np.unique(alone)) == 4
     assert len(np.unique(crowded)) > 4 * frames
 
