@@ -9,24 +9,16 @@ import numpy as np
 from solver_backend.agreement.evidence import (
     BLOCKS,
     BOUND,
-    EACH,
     FRAMES,
     MOST_ROUNDS,
-    NEIGHBOURS,
     SAMPLED_FRAMES,
     SIGMAS,
     STRIDE,
-    UNRELATED_NOISE,
-    count_in_bins,
-    epipolar_distances,
-    fit_noise,
-    log_density,
 )
 from solver_backend.agreement.hypotheses import CONVERGED, LONGEST_DELAY
 from solver_backend.agreement.lags import LEAST_STRENGTH, best_offsets, people_lags
-from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, extent, sample
-from solver_backend.cameras.camera_corrections import compared_pairs
-from solver_backend.cameras.projection import project_with_jacobian, undistort
+from solver_backend.agreement.reading import ENOUGH, sample
+from solver_backend.cameras.projection import project, project_with_jacobian, undistort
 from solver_backend.cameras.robust_triangulation import DEPTH_SIGMA_M, ROBUST_SIGMAS, triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.arrays import quantile
@@ -191,11 +183,10 @@ def estimate_delays(
     (delay, drift), (sigma, drift_sigma) = _refine(cameras, tracks, frames, lags, sigma_px, rate_sigma, progress)
     confirmed = moving.copy()
     if rate_sigma is None:
-        compared = shared[np.linspace(0, len(shared) - 1, min(FRAMES, len(shared))).round().astype(int)]
         seeing = cameras.subset(np.flatnonzero(moving).tolist())
-        late = delay[:, None] + drift[:, None] * place_in_take(compared, num_frames)
+        late = delay[:, None] + drift[:, None] * place_in_take(frames, num_frames)
         late = np.where(beyond[:, None], 0.0, late)[moving]
-        confirmed[moving] = _beats_in_step(seeing, tracks[moving], compared, late)
+        confirmed[moving] = _beats_in_step(seeing, tracks[moving], frames, late, usual)
     known = moving & ~beyond & (sigma < LEAST_DELAY_FRAMES) & confirmed
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     if rate_sigma is None:
@@ -206,59 +197,50 @@ def estimate_delays(
     return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond, drift_sigma, possible)
 
 
-def _beats_in_step(cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, late: np.ndarray) -> np.ndarray:
-    """Return a (C,) mask of views that agree better at their delays ``late`` (C, N) in most time blocks.
+def _beats_in_step(
+    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, late: np.ndarray, sigma_px: float
+) -> np.ndarray:
+    """Return a (C,) mask of views whose detections fit better at their delays ``late`` (C, N) in most time blocks.
 
-    With slow movement the likelihood is flat, and its maximum is not significant although the slopes suggest it. The
-    delay of a view with fewer than three time blocks cannot be tested, and is not confirmed.
+    With slow movement the errors hardly depend on the delay, and their minimum is not significant although the slopes
+    suggest it. The delay of a view with fewer than three time blocks cannot be tested, and is not confirmed.
 
     Args:
         tracks: (C, F, K, 2) keypoints in px.
         frames: (N,) frames to compare.
+        sigma_px: standard deviation of detections in px, including calibration errors.
     """
-
-    def rays_of(view: int, late: np.ndarray) -> tuple[np.ndarray, float]:
-        (flat,) = undistort(cameras.subset([view]), values_at(tracks[view], frames + late)[None])
-        size = extent(flat)[np.isfinite(flat[..., 0]).sum(-1) >= MIN_POINTS]
-        rays = np.concatenate([flat, np.where(np.isfinite(flat[..., :1]), 1.0, np.nan)], axis=-1)
-        return rays, float(np.median(size)) if len(size) else 1.0
-
-    def distances(i: int, j: int, one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> np.ndarray:
-        """Return signed distances (N, K) in person sizes, minus each keypoint's constant offset."""
-        first, second = ((cameras.R[view], cameras.t[view]) for view in (i, j))
-        found = epipolar_distances(first, second, *one, *other)
-        known = np.isfinite(found)
-        value, weight, centre = np.where(known, found, 0.0), known.astype(float), np.zeros(found.shape[1])
-        for _ in range(3):
-            centre = (weight * value).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-9)
-            weight = known / (1.0 + ((value - centre) / UNRELATED_NOISE) ** 2)
-        return found - centre
-
-    count, late = len(late), late - _median(late.mean(axis=1))
+    late = late - _median(late.mean(axis=1))
     shown = np.isfinite(tracks[..., 0]).any(-1)[:, frames]
     confirmed = np.sum([part.any(1) for part in np.array_split(shown, BLOCKS, axis=1)], axis=0) > 2
     doubtful = np.flatnonzero(np.abs(late.mean(axis=1)) >= LEAST_DRIFT_FRAMES)
-    views = [rays_of(view, late[view]) for view in range(count)] if len(doubtful) else []
+    error = _robust_error(cameras, tracks_at(tracks, frames + late), sigma_px) if len(doubtful) else np.nan
     for view in doubtful:
-        gains, alone = list[np.ndarray](), rays_of(view, np.zeros(1))
-        for i, j in compared_pairs(count, EACH, NEIGHBOURS):
-            if view in (i, j):
-                then = distances(i, j, views[i], views[j])
-                now = distances(i, j, *(alone if v == view else views[v] for v in (i, j)))
-                noise = fit_noise(count_in_bins(then[None], np.ones(1)))
-                gain = np.subtract(*(log_density(off, noise.sigma, noise.outliers) for off in (then, now)))
-                both = np.isfinite(gain)
-                mean = np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
-                gains.append(np.where(both.any(-1), mean, np.nan))  # no value without a comparison
+        alone = late * (np.arange(len(late)) != view)[:, None]
+        gain = _robust_error(cameras, tracks_at(tracks, frames + alone), sigma_px) - error
         moved = np.abs(late[view]) >= LEAST_DRIFT_FRAMES  # A drift begins with no delay.
-        table = np.stack(gains)[:, moved]
-        blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
-        means = np.array([np.nanmean(block) for block in blocks if block.size])
+        gain = np.where(np.isfinite(gain[view]), gain, np.nan)[:, moved & np.isfinite(gain[view]).any(axis=-1)]
+        blocks = np.array_split(np.nanmean(gain, axis=(0, 2)), BLOCKS)
+        means = np.array([block.mean() for block in blocks if block.size])
         confirmed[view] = len(means) > 2
         if confirmed[view]:
             means = np.minimum(means, max(float(np.median(means)), 0.0))  # one block with much motion must not decide
             confirmed[view] = means.mean() > SIGMAS * means.std(ddof=1) / np.sqrt(len(means))
     return confirmed
+
+
+def _robust_error(cameras: Cameras, xy: np.ndarray, sigma_px: float) -> np.ndarray:
+    """Return the (C, N, K) penalties of reprojection errors in variances (see ``triangulate``), NaN where unknown.
+
+    A constant error of a keypoint in a view has no penalty, because it comes from the calibration or the detector.
+    """
+    points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
+    error, scale = xy - project(cameras, points), (ROBUST_SIGMAS * sigma_px) ** 2
+    known = np.isfinite(error).all(-1)
+    error = np.where(known[..., None], error, 0.0)
+    error = _centred(error, known * (scale / (scale + (error**2).sum(-1))) ** 2)
+    square = (error**2).sum(-1)
+    return np.where(known, ROBUST_SIGMAS**2 * square / (scale + square), np.nan)
 
 
 def _refine(
