@@ -46,7 +46,7 @@ def test_a_trial_is_read(trial: Path) -> None:
     assert "The frame rate is 30 fps, as stated in Config.toml." in words(found.notes)
     assert found.problems == ()
     assert set(calls) == {"Reading the detections", "Comparing the views"}
-    assert "keypoints extend 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
+    assert "feet stand at z = -0.01 m" in words(found.notes)[-1]
 
 
 @pytest.mark.parametrize("place", ["trial", pytest.param("participant", marks=pytest.mark.slow), "session", "beside"])

@@ -52,8 +52,8 @@ def test_units_and_axes_of_the_real_recording(real: Capture) -> None:
     assert real.keypoints is not None
     found = check_world(real.cameras, real.keypoints)
     figures = found.found()[0].values
-    assert 1.6 < figures["span"] < 2.0
-    assert 0 < figures["lowest"] < 0.15
+    assert 1.6 < figures["stature"] < 2.0
+    assert 0 < figures["lowest"] < 0.1
     assert found.upright[2] > 0.95
     assert found.residual_px < 13
 

@@ -220,15 +220,12 @@ def foot_keypoints(points: Float[np.ndarray, "frames keypoints 3"], joint_set: J
 
 
 def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> float:
-    """Estimate the height in metres of the floor under an upright person's feet."""
+    """Estimate the height in metres of the floor under an upright person's feet, NaN if no foot is known."""
     kinds = foot_keypoints(points, joint_set)
-    heights = points[:, kinds, 2]
-    low = np.full(len(kinds), np.nan)
-    seen = np.isfinite(heights).any(axis=0)
-    low[seen] = np.nanquantile(heights[:, seen], LOWEST, axis=0)
+    low = quantile(points[:, kinds, 2], LOWEST, axis=0)
     body = load_body()
     at_rest = rest_keypoints(body, keypoint_landmarks(body, joint_set), np.zeros(10))[kinds, 1]
-    return float(np.nanmedian(low - (at_rest - float(body.v_template[:, 1].min()))))
+    return float(quantile(low - (at_rest - body.v_template[:, 1].min()), 0.5, axis=0))
 
 
 def trunk_direction(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> Float[np.ndarray, " 3"]:

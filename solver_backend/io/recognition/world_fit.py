@@ -24,7 +24,7 @@ from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSetting
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
-from solver_backend.io.recognition.gravity import measure_level, roll_gain, trunk_direction
+from solver_backend.io.recognition.gravity import floor_height, measure_level, roll_gain, trunk_direction
 from solver_backend.io.recognition.marker_up_axis import FLOOR_M
 from solver_backend.io.recognition.path_fit import fit_path
 from solver_backend.io.recognition.person_scale import LEG_SHARE, bone_lengths, scale_from_stature
@@ -76,20 +76,18 @@ class WorldCheck:
     def found(self) -> tuple[Diagnostic, ...]:
         """Return a note with the measurements, and a diagnostic for each implausible measurement."""
         found, name = list[Diagnostic](), self.up_axis().upper()
-        heights = self.points[np.isfinite(self.points[..., 2]).sum(axis=1) >= 8, :, 2]  # nearly whole people
-        low, high = np.nanmin(heights, axis=1), np.nanmax(heights, axis=1)
-        lowest, span = float(quantile(low, 0.05, axis=0)), float(quantile(high - low, 0.95, axis=0))
-        if np.isfinite(self.stature_m):
-            figures: dict[str, Any] = {"span": span, "lowest": lowest, "size": self.residual_px}
-            found.append(diagnostic("person_triangulated", stature=self.stature_m, **figures))
+        floor = floor_height(self.points, self.joint_set)
+        if np.isfinite([self.stature_m, floor]).all():
+            figures: dict[str, Any] = {"stature": self.stature_m, "lowest": floor, "size": self.residual_px}
+            found.append(diagnostic("person_triangulated", **figures))
         if np.isfinite(self.stature_m) and not POSSIBLE_M[0] < self.stature_m < POSSIBLE_M[1]:
             found.append(diagnostic("stature_unlikely", stature=self.stature_m))
         elif name != "Z":
             found.append(diagnostic("person_along_axis", axis=name))
-        elif self._is_possible and self.upright[2] > LEAST_UPRIGHT and abs(lowest) > FLOOR_M:
-            raised = 0 < lowest <= HIGHEST_STEP_M  # stairs, trampolines and stages are also above the floor
+        elif self._is_possible and self.upright[2] > LEAST_UPRIGHT and abs(floor) > FLOOR_M:
+            raised = 0 < floor <= HIGHEST_STEP_M  # stairs, trampolines and stages are also above the floor
             severity = Severity.NOTE if raised else Severity.WARNING
-            found.append(diagnostic("floor_off", severity=severity, lowest=lowest))
+            found.append(diagnostic("floor_off", severity=severity, lowest=floor))
         if SIGMAS * np.sin(self.apart) < 1.0:  # errors along the views are many times the errors across them
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
         if self.residual_px > UNRELATED_NOISE * np.mean(self.person_px or 1.0):  # no single camera is then the cause

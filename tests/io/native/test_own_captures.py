@@ -41,7 +41,7 @@ def moved(cameras: Cameras, z: float) -> Cameras:
 )
 def test_a_world_that_cannot_be_is_named(demo: Capture, tmp_path: Path, change: object, told: str) -> None:
     cameras = change(demo.cameras)  # type: ignore[operator]
-    known = diagnostic("person_triangulated", stature=1.77, span=1.7, lowest=0.0, size=2.0)
+    known = diagnostic("person_triangulated", stature=1.77, lowest=0.0, size=2.0)
     stored = replace(demo, cameras=cameras, notes=(known,))
     capture = load_capture(write_capture(tmp_path / "a.npz", stored))
     [problem] = [problem for problem in capture.problems if re.search(told, sentence(problem))]
