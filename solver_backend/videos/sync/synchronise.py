@@ -126,7 +126,7 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
     covariance = np.zeros((len(cameras), 2, 2))
     for n, sigma in enumerate((found.sigma / filmed.fps, found.drift_sigma / filmed.fps / half_s)):
         covariance[1:, n, n] = sigma[1:] ** 2 + sigma[0] ** 2
-    covariance[1:, 1, 1] /= 1 + covariance[1:, 1, 1] / RATE_SIGMA**2
+    covariance[1:, 1, 1] /= 1 + covariance[1:, 1, 1] / (2.0 * RATE_SIGMA**2)  # both clocks of a difference vary
     return Clocks(names, offset_s, rate, covariance, half_s, "keypoints and cameras")
 
 

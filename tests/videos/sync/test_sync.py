@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from research.simulation.filming import around
-from solver_backend.agreement.lags import Signal, signal_lags
+from solver_backend.agreement.lags import RATE_SIGMA, Signal, signal_lags
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -86,6 +86,11 @@ def test_calibrated_cameras_tell_offset_and_drift_below_a_tenth_of_a_frame() -> 
 def test_a_take_may_be_shorter_than_the_largest_offset() -> None:
     take, true = filmed([0.0, 0.0, 0.1, 0.0], [0.0] * 4, seconds=3.0)
     assert np.abs(errors_frames(clocks_by_geometry(take, 6.5), true, 3.0)).max() < 0.5
+
+
+def test_a_short_take_leaves_the_rates_of_two_clocks_as_uncertain_as_quartz() -> None:
+    told = clocks_by_geometry(filmed([0.0] * 4, [0.0] * 4, seconds=4.0)[0], 0.5)
+    np.testing.assert_allclose(np.sqrt(told.covariance[1:, 1, 1]), np.sqrt(2.0) * RATE_SIGMA, rtol=0.2)
 
 
 def test_speeds_tell_the_clocks_without_calibration() -> None:
