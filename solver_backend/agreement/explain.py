@@ -169,7 +169,7 @@ class _Search:
             if beam == before:
                 break
             self.constraints = self.quick.constraints(beam[0])
-        if self.is_alone and self.is_whole and self.evidence.views > 2:
+        if self.is_whole and self.evidence.views > 2:
             found = self._rank([*found, *self._shown(found[0], alike[0])])
         self.constraints = self.quick.constraints(found[0])
         return self._rank(found)
@@ -180,7 +180,7 @@ class _Search:
         starts = dict.fromkeys([best, self.written]) if everybody else ()
         free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
         rows: list[Row] = [windows] if everybody and self._rank([best, *free])[0] != best else []
-        rows += [] if best.is_uniform else [one_window]
+        rows += [one_window] if self.is_alone and not best.is_uniform else []
         shown = self._propose(rows, dict.fromkeys([common, self.written]))
         return self._rank(shown, self.scout)[:BEAM]
 

@@ -119,6 +119,16 @@ def test_pictures_of_another_shape(
         np.testing.assert_allclose((picture.size, *picture.window), expected, atol=0.012)
 
 
+def test_cropped_pictures_of_a_person_and_a_bystander() -> None:
+    alone = detections()
+    pair = np.concatenate([alone.xy, 0.5 * alone.xy[:, ::-1] + [900, 300]], axis=2) - [300, 0]
+    sure = np.concatenate([alone.confidence, alone.confidence[:, ::-1]], axis=2)
+    sure[2:, :, 1] = 0.0
+    found = explain(CAMERAS, replace(alone, xy=np.where(sure[..., None] > 0, pair, np.nan), confidence=sure))
+    assert [(a.code, a.views) for a in found.applied] == [("calibration_corrected", EVERY)]
+    np.testing.assert_allclose(found.reading.pictures[0].window, (1.0, -300 / 1080, 0.0), atol=0.012)
+
+
 def test_fits_of_pictures_change_nothing_that_agrees() -> None:
     """The views' own pictures remain, and no sentence would name a change by less than 1 %."""
     xy = project(CAMERAS, DEMO.truth["keypoints3d"][FRAMES])
