@@ -9,7 +9,7 @@ import pytest
 
 from research.simulation import bad_input
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
-from solver_backend.agreement.person_tracks import view_tracks
+from solver_backend.agreement.person_tracks import PeopleInSpace, assigned_exclusively, view_tracks
 from solver_backend.agreement.reading import sightings
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
@@ -227,6 +227,18 @@ def test_tracks_of_a_view_end_where_two_people_cannot_be_told_apart() -> None:
     alone, crowded = (view_tracks(sightings(cameras, d).xy) for d in (detections, twice))
     assert len(np.unique(alone)) == 4
     assert len(np.unique(crowded)) > 4 * frames
+
+
+def test_views_that_agree_in_every_frame_win_against_rays_of_strangers_that_meet_in_some() -> None:
+    """The first detections of all views are one person; a stranger in the last view is nearer to its rays at times."""
+    views, frames, met = 3, 20, range(8, 12)
+    tracks = np.broadcast_to(np.arange(2 * views).reshape(views, 1, 2), (views, frames, 2))
+    groups = [(frame, (0, 0, 0), 2.0) for frame in range(frames)] + [(frame, (0, 0, 1), 2.5) for frame in met]
+    frame, members, score = zip(*sorted(groups), strict=True)
+    people = PeopleInSpace(np.array(frame), np.array(members), np.zeros((len(frame), 1, 3)), np.array(score))
+    chosen = assigned_exclusively(people, tracks)
+    np.testing.assert_array_equal(chosen.frame, np.arange(frames))
+    np.testing.assert_array_equal(chosen.members, np.zeros((frames, views)))
 
 
 def test_a_view_that_sees_one_person_elsewhere_is_kept_and_named():
