@@ -24,7 +24,7 @@ from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSetting
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
-from solver_backend.io.recognition.gravity import floor_height, measure_level, roll_gain, trunk_direction
+from solver_backend.io.recognition.gravity import floor_height, measure_level, roll_gain, trunk_direction, turn_to_z
 from solver_backend.io.recognition.marker_up_axis import FLOOR_M
 from solver_backend.io.recognition.path_fit import fit_path
 from solver_backend.io.recognition.person_scale import LEG_SHARE, bone_lengths, scale_from_stature
@@ -306,12 +306,9 @@ def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0
     lifted = lift_take(camera, keypoints, body)
     points = lifted.placed(body, landmarks, np.zeros(10))[0]
     up = up_by_floor(lifted, points, landmarks.names)
-    forward = np.array([0.0, 0.0, 1.0]) if abs(up[2]) < 0.95 else np.array([0.0, -np.sign(up[2]), 0.0])
-    forward = unit(forward - (forward @ up) * up)
-    R = np.stack([np.cross(forward, up), forward, up], axis=1)  # Z up, the camera looks along Y
-    lowest = lowest_feet(points @ R, landmarks.names, lifted.confidence > 0)
+    R = turn_to_z(up).T
     size = stature_m / body.stature_m if stature_m else 1.0
-    height = -size * lowest if lowest is not None else 0.0
+    height = -size * (lowest_feet(points @ R, landmarks.names, lifted.confidence > 0) or 0.0)
     tilt = float(np.degrees(np.arcsin(np.clip(-up[2], -1.0, 1.0))))
     note = diagnostic("one_camera_placed", height=height, angle=abs(tilt), way="down" if tilt > 0 else "up")
     place = np.array([0.0, 0.0, height])
