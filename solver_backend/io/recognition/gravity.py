@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.agreement.evidence import BLOCKS, BOUND, MOST_ROUNDS, SIGMAS
 from solver_backend.agreement.person_tracks import BRIDGE_S
 from solver_backend.agreement.reading import MIN_POINTS
+from solver_backend.biomechanics.support import SIGMA_M
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
@@ -79,7 +80,7 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"]) -> Float[np.ndarra
     low, gap = np.where(left_lower, left, right), np.where(left_lower, right - left, left - right)
     flat = gap @ level
     square = (flat**2).sum(-1)
-    carries = np.exp(-0.5 * (gap @ up) ** 2 / (2.0 * FOOT_SIGMA_M**2 + np.tan(TILT_SIGMA) ** 2 * square))
+    carries = np.exp(-0.5 * (gap @ up) ** 2 / (2.0 * SIGMA_M**2 + np.tan(TILT_SIGMA) ** 2 * square))
     along = np.clip((((body.centre - low) @ level) * flat).sum(-1) / np.maximum(square, 1e-6), 0.0, 1.0)
     above = body.centre - low - np.minimum(along, carries)[:, None] * gap
     height = above @ up
@@ -100,7 +101,6 @@ TILT_SIGMA = np.radians(4.0)
 """Standard deviation per axis (radians) of the mean direction from the support to the centre of mass, and of the roll
 of cameras that were set up by eye. A smaller tilt is usual, and is not corrected."""
 FLOOR_SIGMA = np.radians(1.5)  # Standard deviation of a real floor from level, radians.
-FOOT_SIGMA_M = 0.02  # Standard deviation of the height of a standing foot's keypoint, metres.
 LOWEST = 0.15  # Fraction of the heights of a foot that noise places below the floor.
 _Z = np.array([0.0, 0.0, 1.0])
 
@@ -206,9 +206,9 @@ def _floor(feet: np.ndarray, kind: np.ndarray, weight: np.ndarray, alike: float)
         return feet - np.stack([np.bincount(kind, weight * x) / total for x in feet.T], axis=-1)[kind]
 
     above = centred(weight)[:, 2]
-    weight = np.where(above > 0, LOWEST, 1.0 - LOWEST) * FOOT_SIGMA_M / np.maximum(np.abs(above), 0.25 * FOOT_SIGMA_M)
+    weight = np.where(above > 0, LOWEST, 1.0 - LOWEST) * SIGMA_M / np.maximum(np.abs(above), 0.25 * SIGMA_M)
     x = centred(weight)
-    information = (x[:, :2] * weight[:, None]).T @ x / (alike * FOOT_SIGMA_M**2)
+    information = (x[:, :2] * weight[:, None]).T @ x / (alike * SIGMA_M**2)
     return Witness(information[:, :2], -information[:, 2]), weight
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.agreement.body_evidence import MEAN_STATURE_M, STATURE_SPREAD_M
 from solver_backend.agreement.evidence import FRAMES, MOST_ROUNDS
+from solver_backend.biomechanics.support import SIGMA_M_S
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.camera_corrections import QUARTER, TURNS
@@ -19,12 +20,11 @@ from solver_backend.io.recognition.gravity import foot_keypoints, turn_to_z
 from solver_backend.priors.lifted_take import LiftedTake, lift_take, lowest_feet, up_by_floor
 from solver_backend.types import Cameras, Keypoints2D
 
-STEP_S, STANDS_M_S = 0.2, 0.15
-"""Time in seconds between compared foot positions, and speed (m/s) at which the weight of a foot is a quarter."""
+STEP_S = 0.2  # Time in seconds between compared foot positions.
 ALONG_SIGHT = 10.0  # Error of lifted feet along the line of sight relative to the error across it.
 BIAS, UNSURE = 0.02, 0.2
 """Relative scale error that more frames do not reduce, and relative standard deviation that causes a warning. The bias
-is the RMS error of 22 simulated walks that chose these constants (subjects 02, 07, 12, 16 and 35, known statures)."""
+is the RMS error of 22 simulated walks (subjects 02, 07, 12, 16 and 35, known statures, ``SIGMA_M_S`` of 0.15 m/s)."""
 
 
 def fit_path(
@@ -85,10 +85,10 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
     """Estimate the metres per unit of a camera path from standing feet, and the relative standard deviation.
 
     The scale s minimises ``Σ_f min_j Σ_k ρ(|Δp_jk + s Δc| / Δt)``. Here Δ is the change after a time Δt from frame f,
-    p_jk is point k of foot j, c is the camera position, and ρ is the function of Geman and McClure. The minimum over
-    the feet is used because a walking person always has a standing foot. The points of this foot only creep forwards,
-    so a wide ρ, or only the slowest point, would underestimate s. A static camera gets the scale 1 with an infinite
-    deviation.
+    p_jk is point k of foot j, c is the camera position, and ρ is the function of Geman and McClure with the scale
+    ``SIGMA_M_S``. The minimum over the feet is used because a walking person always has a standing foot. The points of
+    this foot only creep forwards, so a wide ρ, or only the slowest point, would underestimate s. A static camera gets
+    the scale 1 with an infinite deviation.
 
     Args:
         feet: (F, K, 3) points of one foot, then of the other, relative to the camera in world axes, metres, NaN where
@@ -113,7 +113,7 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
 
     def planted(scale: float) -> np.ndarray:
         """Return (F, K) weights from 0 to 1 of the points on the foot that stands more firmly."""
-        stands = (STANDS_M_S**2 / (STANDS_M_S**2 + squares(scale))).reshape(len(known), 2, -1)
+        stands = (SIGMA_M_S**2 / (SIGMA_M_S**2 + squares(scale))).reshape(len(known), 2, -1)
         firm = stands.sum(axis=2, keepdims=True)
         return np.where(firm == firm.max(axis=1, keepdims=True), stands, 0.0).reshape(known.shape)
 
