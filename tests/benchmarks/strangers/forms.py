@@ -187,7 +187,8 @@ def with_more(cameras: Cameras, count: int) -> Cameras:
                if (value := getattr(cameras, name)) is not None}  # fmt: skip
     doubled["R"][:more] = doubled["R"][:more] @ turn
     doubled["t"][:more] += [0.1, 0.2, 0.7]
-    return replace(cameras, names=tuple(f"c{i}" for i in range(count)), **doubled)
+    names, models = tuple(f"c{i}" for i in range(count)), cameras.models[:more] + cameras.models
+    return replace(cameras, names=names, models=models, **doubled)
 
 
 def serial_numbers(folder: Path, take: Take) -> None:
