@@ -207,19 +207,17 @@ def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Readin
     if conventions != written:
         phrase = conventions.correction(0).meaning()
         changes.append(("calibration_corrected", everyone, phrase, replace(reading, pose=POSES[0], graphics=False)))
-    by_kind: dict[tuple[PictureReading, bool], list[int]] = {}
-    for view, kind in enumerate(zip(reading.pictures, reading.sides, strict=True)):
-        if kind != (PLAIN, False):
-            by_kind.setdefault(kind, []).append(view)
-    for (picture, sides), members in by_kind.items():
+    kinds = list(zip(reading.pictures, reading.sides, strict=True))
+    for picture, sides in dict.fromkeys(kinds):
+        members = tuple(view for view in everyone if kinds[view] == (picture, sides))
         without = reading
         for view in members:
             without = without.with_view(view, pictures=PLAIN, sides=False)
         if meaning := picture.correction.meaning():
-            changes.append(("calibration_corrected", tuple(members), meaning, without))
+            changes.append(("calibration_corrected", members, meaning, without))
         flips = ((picture.mirrored, MIRROR_MEANINGS[picture.turn]), (sides, _SWAPPED))
         if meaning := ", and ".join(text for is_so, text in flips if is_so):
-            changes.append(("detections_corrected", tuple(members), meaning, without))
+            changes.append(("detections_corrected", members, meaning, without))
     named = tuple(view for view, owner in enumerate(reading.owners) if owner != view)
     if named:
         changes.append(("camera_names_exchanged", named, "", replace(reading, owners=everyone)))

@@ -159,9 +159,8 @@ def _in_time(
         reason = "still" if min(-low, high) >= reach else "open"
         found.append(diagnostic("delay_unknown", extent="all", reason=reason, frames=whole, low=low, high=high))
     else:
-        still = np.minimum(-low, high) >= reach
-        for reason, which in (("still", still), ("open", ~still)):
-            diagnose("delay_unknown", unknown & which, extent="camera", reason=reason, low=low, high=high)
+        reasons = np.where(np.minimum(-low, high) >= reach, "still", "open")
+        diagnose("delay_unknown", unknown, extent="camera", reason=reasons, low=low, high=high)
     if moved.any():
         moving = moved | every
         keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(count)), 0.0))
