@@ -62,6 +62,13 @@ def test_one_camera_of_another_rate_among_many_is_found() -> None:
     np.testing.assert_allclose(rates_by_length(cameras, seen), [1, 1, 1, 1, 1, 1, rate], atol=1e-6)
 
 
+@pytest.mark.parametrize("rate", [24 / 120, 24 / 48, 24 / 30, 1.0])
+def test_usual_rates_are_found_by_the_numbers_of_frames(rate: float) -> None:
+    """The second camera also lacks two frames of the take."""
+    found = rates_by_length(CAMERAS, recorded([200, 202, 200, 200], [1, rate, 1, 1]))
+    np.testing.assert_allclose(found, [1, rate, 1, 1])
+
+
 @pytest.mark.slow
 def test_pictures_of_another_size_are_found_whenever_cameras_started() -> None:
     reading = read_out_of_step(CAMERAS, half(recorded([0, 45, 90, 20], [1, 1, 1, 1]), [0, 1, 2, 3]))

@@ -119,10 +119,9 @@ def _beyond_pictures(capture: Capture) -> Iterator[Diagnostic]:
     seen, xy = capture.keypoints.confidence > 0, capture.keypoints.xy
     sizes = np.broadcast_to(capture.cameras.image_size[:, None, None], xy.shape)[seen]
     beyond = (np.maximum(-xy[seen], xy[seen] - sizes) / sizes).max(axis=-1)
-    if (share := float((beyond > IMPOSSIBLE).mean())) > 0.5:
-        yield diagnostic("detections_outside", percent=100 * share)
-    if (share := float((beyond > 1).mean())) > UNRELATED_OUTLIERS:
-        yield diagnostic("detections_outside", severity=Severity.WARNING, percent=100 * share)
+    for severity, factor, most in ((Severity.ERROR, IMPOSSIBLE, 0.5), (Severity.WARNING, 1.0, UNRELATED_OUTLIERS)):
+        if (share := float((beyond > factor).mean())) > most:
+            yield diagnostic("detections_outside", severity=severity, percent=100 * share)
 
 
 def _markers(capture: Capture) -> Iterator[Diagnostic]:
