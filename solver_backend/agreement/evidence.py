@@ -394,14 +394,22 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
     frames = frames[sample(len(frames), FRAMES)]
     points = xy[:, frames] / person_px[:, None, None, None]
     apart = _pose_distances(points)
+    return frames, group_poses(apart, POSES)
+
+
+def group_poses(apart: np.ndarray, most: int) -> np.ndarray:
+    """Return the group (P,) of each pose, from the distances (P, P) between poses in person sizes.
+
+    Poses in different groups are independent. There are at most ``most`` groups.
+    """
     least = MOVED
     while True:
         kept = [0]
-        for row in range(1, len(frames)):
+        for row in range(1, len(apart)):
             if apart[row, kept].min() > least:
                 kept.append(row)
-        if len(kept) <= POSES:
-            return frames, apart[:, kept].argmin(1)
+        if len(kept) <= most:
+            return apart[:, kept].argmin(1)
         least *= 1.25
 
 

@@ -34,13 +34,12 @@ from solver_backend.fitters.marker_calibration.calibrate import (
     subject_of,
     with_marker,
 )
+from solver_backend.fitters.marker_calibration.label_evidence import check_sides, exchanged_wrists
 from solver_backend.fitters.marker_calibration.label_faults import (
-    check_sides,
     clean_labels,
     diagnose_labels,
     exchanged_labels,
     exchanged_throughout,
-    exchanged_wrists,
     gathered,
 )
 from solver_backend.fitters.marker_calibration.person_doubts import (
@@ -48,7 +47,6 @@ from solver_backend.fitters.marker_calibration.person_doubts import (
     MISPLACED,
     SIDE_FOUND,
     TWO_PLACES,
-    check_handedness,
     check_one_body,
     doubt_joints,
     doubts_of,
@@ -185,7 +183,6 @@ def marker_problem(
 
 def _check(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
     check_one_body(points, landmarks, body, offsets)
-    check_handedness(points, landmarks)
     check_sides(points, landmarks)
 
 

@@ -12,7 +12,7 @@ from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, listed
-from solver_backend.exchange.errors import MarkersMirrored, MarkersUnknown
+from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.geometry.arrays import quantile
 from solver_backend.labelling.label_like import NameChange
 from solver_backend.types import MarkerCloud, MarkerSubject
@@ -99,46 +99,6 @@ def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:
     left, right, left_knee, right_knee = (cloud.positions[:, cloud.names.index(str(label))] for label in needed)
     thigh = 0.5 * (np.linalg.norm(left_knee - left, axis=-1) + np.linalg.norm(right_knee - right, axis=-1))
     return float(np.nan_to_num(quantile(np.linalg.norm(left - right, axis=-1) / np.maximum(thigh, 1e-9), 0.5, axis=0)))
-
-
-TRUNK = ("C7", "T2", "T4", "T8", "T10", "T12", "CLAV", "STRN", "SACR", "SHO", "FSH", "BSH", "FWT", "BWT", "MWT")
-"""Marker locations, without side, that are nearly rigid relative to each other."""
-LEAST, MIRROR_FRAMES = 5, 40  # Smallest number of trunk markers, and number of frames compared.
-SHARE = 0.75  # Largest median ratio between the errors of the mirrored and the direct fit.
-
-
-def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
-    """Check that the trunk's markers are not mirrored.
-
-    The markers in each frame are aligned with the rest pose twice (Kabsch 1976): by a rotation, and by a rotation with
-    a reflection. ``points`` are (F, L, 3) in metres, NaN where missing.
-
-    Raises:
-        MarkersMirrored: the reflection fits much better.
-    """
-    columns = [i for i, name in enumerate(landmarks.names) if name in TRUNK or name[1:] in TRUNK]
-    frames = points[:, columns][np.unique(np.linspace(0, len(points) - 1, MIRROR_FRAMES).astype(int))]
-    frames = frames[np.isfinite(frames).all((1, 2))]
-    if len(columns) < LEAST or not len(frames):
-        return
-    rest = landmarks.anchors[columns].sum(axis=1)
-    rest, frames = rest - rest.mean(axis=0), frames - frames.mean(axis=1, keepdims=True)
-    U, S, Vt = np.linalg.svd(np.swapaxes(frames, 1, 2) @ rest)
-    power = (frames**2).sum((1, 2)) + (rest**2).sum()
-    proper = S[:, 0] + S[:, 1] + np.sign(np.linalg.det(U @ Vt)) * S[:, 2]
-    improper = 2 * S[:, :2].sum(axis=1) - proper
-    straight, mirrored = (np.sqrt(np.maximum(power - 2 * fit, 0)) for fit in (proper, improper))
-    if np.median(mirrored / np.maximum(straight, 1e-9)) < SHARE:
-        raise mirror_image("markers of the trunk")
-
-
-def mirror_image(what: str) -> MarkersMirrored:
-    """Return the error for mirrored markers. ``what`` names the markers in its message."""
-    return MarkersMirrored(
-        f"The {what} are mirrored. Left and right labels are swapped, or an axis is reversed.",
-        where="markers",
-        hint="Swap L and R in the labels, or export the take with right-handed axes.",
-    )
 
 
 DISTANCE_FRAMES = 60  # Number of frames in which distances are measured.

@@ -142,7 +142,7 @@ RECORDINGS = recordings_folder() / "markers"
 @pytest.mark.skipif(not (RECORDINGS / "cmu_pairs").is_dir(), reason="the recordings are not beside the repository")
 def test_recorded_people_are_no_mirror_images():
     from solver_backend.body.body import load_body
-    from solver_backend.fitters.marker_calibration.person_doubts import check_handedness
+    from solver_backend.fitters.marker_calibration.label_evidence import check_sides
     from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
     from solver_backend.io.markers.read import read_markers
 
@@ -151,6 +151,6 @@ def test_recorded_people_are_no_mirror_images():
     for cloud in (read_markers(RECORDINGS / name).cloud for name in names):
         known = known_markers_of(cloud)
         measured = measure_markers(known, body, np.zeros(1))
-        check_handedness(measured.points, measured.landmarks)
+        check_sides(measured.points, measured.landmarks)
         with pytest.raises(MarkersMirrored):
-            check_handedness(measured.points * MIRROR, measured.landmarks)
+            check_sides(measured.points * MIRROR, measured.landmarks)

@@ -8,7 +8,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import MarkersMirrored
-from solver_backend.fitters.marker_calibration.label_faults import check_sides
+from solver_backend.fitters.marker_calibration.label_evidence import check_sides
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -34,6 +34,7 @@ def exchanged(names: tuple[str, ...], places: tuple[str, ...]) -> tuple[str, ...
         (LOWER, (), ""), (UPPER, (), ""), (("KNE", "ANK", "HEE", "TOE"), (), ""),
         (LOWER, LOWER, "legs' markers are mirrored"), (LOWER, LOWER[2:], "left markers of the legs are on the right"),
         (UPPER, UPPER[1:], "left markers of the arms are on the right"),
+        (LOWER, LOWER[:2], "left markers of the waist are on the right"),
     ],
 )  # fmt: skip
 def test_sides(places: tuple[str, ...], turned: tuple[str, ...], message: str) -> None:

@@ -11,7 +11,8 @@ import pytest
 from solver_backend.body.markers import marker_layout
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.marker_calibration.label_faults import exchanged_wrists, with_wrists_named
+from solver_backend.fitters.marker_calibration.label_evidence import exchanged_wrists
+from solver_backend.fitters.marker_calibration.label_faults import with_wrists_named
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in
 from solver_backend.fitters.pipeline import calibrate_person, solve
 from solver_backend.geometry.rotations import exp_so3
@@ -22,15 +23,15 @@ from tests.support.worn_markers import worn_markers
 PLACES = ("LSHO", "LELB", "LWRA", "LWRB")
 
 
-def arm(turned_deg: float, bent_deg: float, frames: int = 30) -> np.ndarray:
-    """Return a left arm's markers: the upper arm hangs, the forearm is bent to the front and turned about itself."""
+def arm(turned_deg: float, bent_deg: float, swung: float = 1.2, frames: int = 30) -> np.ndarray:
+    """Return a left arm's markers: it swings, the forearm is bent to the front and turned about itself."""
     bent, turned = np.radians([bent_deg, turned_deg])
     forearm = np.array([0.0, np.sin(bent), -np.cos(bent)])
     up = np.array([0.0, np.cos(bent), np.sin(bent)])
     thumb = exp_so3(turned * forearm) @ up
     wrist = 0.26 * forearm
     markers = np.stack([(0.0, 0.0, 0.3), np.zeros(3), wrist + 0.03 * thumb, wrist - 0.03 * thumb])
-    return np.tile(markers, (frames, 1, 1))
+    return markers @ exp_so3(np.linspace(-swung, swung, frames)[:, None] * [1.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("turned", [-70.0, -30.0, 0.0, 30.0, 70.0])
@@ -41,10 +42,10 @@ def test_the_thumbs_side_is_towards_the_upper_arm_however_the_hand_turns(turned,
     assert exchanged_wrists(points[:, [0, 1, 3, 2]], PLACES) == [(2, 3)]
 
 
-def test_straight_arms_and_few_frames_do_not_show_it():
+def test_straight_arms_and_one_turned_pose_do_not_show_it():
     order = [0, 1, 3, 2]
     assert exchanged_wrists(arm(0.0, 10.0)[:, order], PLACES) == []
-    assert exchanged_wrists(arm(0.0, 90.0, 10)[:, order], PLACES) == []
+    assert exchanged_wrists(arm(60.0, 90.0, swung=0.0)[:, order], PLACES) == []
     assert exchanged_wrists(arm(0.0, 90.0)[:, order[1:]], PLACES[1:]) == []
 
 
