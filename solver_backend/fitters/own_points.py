@@ -137,7 +137,7 @@ def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settin
     offsets = np.concatenate([to_numpy(subject.offsets), np.zeros((count, 3))])
     subject = replace(subject, landmarks=full.measurements.landmarks, offsets=constant(offsets, subject.offsets))
     sigma = np.r_[np.full(len(offsets) - count, ShapePrior.offset_sigma_m), np.full(count, PLACE_SIGMA_M)]
-    known = ShapePrior(offset_sigma_m=sigma, free_betas=settings.betas is None)
+    known = ShapePrior(sigma, free_betas=settings.betas is None, stature_m=full.stature_m)
     objective = full.objective.select(frames)
     fitted, _ = fit_shape(subject, full.prior, objective, start, (settings.robust_scale,), _STEPS, known)
     return replace(placed, offsets=placed.offsets + to_numpy(fitted.offsets)[-count:])

@@ -26,7 +26,7 @@ from solver_backend.fitters.keyframes.optimise import Schedule, Stretches, in_tu
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import ON_THE_MANIFOLD, Subject, state_layout
 from solver_backend.fitters.other_skin import OtherSkin
-from solver_backend.fitters.person_shape import learn_subject
+from solver_backend.fitters.person_shape import LIMBS_SIGMA, STATURE_SIGMAS, learn_subject
 from solver_backend.fitters.problem import (
     Convergence,
     Layer,
@@ -52,9 +52,6 @@ from solver_backend.types import Capture, MarkerCloud, MarkerSubject, Motion
 from solver_backend.types.network_result import StartingResult
 
 STATURE_ERROR_M = 0.001  # A smaller difference from a given stature counts as none.
-LIMBS_SIGMA, STATURE_SIGMAS = 0.015, 2.0
-"""Relative standard deviation of a stature estimated from limbs, and number of deviations at which it contradicts a
-given stature (1.8 % on a take of 1.80 m)."""
 
 
 def solve_single_frames(
@@ -250,7 +247,7 @@ def prepare(
         from solver_backend.fitters.network_poses import with_network_results
 
         measured = with_network_results(measured, seen, body, fitting, results, like)
-    return Problem.of(body, prior, measured)
+    return replace(Problem.of(body, prior, measured), stature_m=capture.stature_m)
 
 
 def _prepare_markers(

@@ -174,6 +174,7 @@ class Problem:
     measurements: Measurements
     pose_terms: tuple[PoseTerm, ...]
     others: OtherSkin | None = None  # Skin of people who have already been solved.
+    stature_m: float = 0.0  # Stature that a free body shape keeps in metres, 0 if unknown.
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from solver_backend.body.body import load_body
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import solve
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Motion
@@ -17,13 +18,23 @@ def codes(motion: Motion) -> list[str]:
     return [item["code"] for item in motion.provenance["diagnostics"]]
 
 
-@pytest.mark.parametrize(("stature", "severity"), [(1.72, "note"), (1.95, "warning")])
-def test_both_statures_are_reported_if_the_body_has_another(stature: float, severity: str) -> None:
-    motion = solve(replace(cut(demo_capture(), 0, 6), stature_m=stature), QUICK).motion
+@pytest.mark.parametrize("off", [-0.02, 0.02])
+def test_a_stature_that_the_limbs_allow_is_kept(off: float) -> None:
+    capture = cut(demo_capture(), 0, 60)
+    free = solve(capture, SolveSettings(iterations=4)).motion
+    stature = round(load_body().stature_of(free.betas) * (1 + off), 3)
+    kept = solve(replace(capture, stature_m=stature), SolveSettings(iterations=4)).motion
+    (found,) = (item for item in kept.provenance["diagnostics"] if item["code"] == "stature_solved")
+    assert load_body().stature_of(kept.betas) == pytest.approx(stature, abs=1e-3)
+    assert (found["severity"], found["values"]["reason"]) == ("note", "given")
+
+
+def test_both_statures_are_reported_if_the_limbs_contradict_the_given_one() -> None:
+    motion = solve(replace(cut(demo_capture(), 0, 6), stature_m=1.95), QUICK).motion
     (found,) = (item for item in motion.provenance["diagnostics"] if item["code"] == "stature_solved")
-    assert found["severity"] == severity and found["values"]["reason"] == "contradicted"
+    assert found["severity"] == "warning" and found["values"]["reason"] == "contradicted"
     assert found["values"]["size"] == pytest.approx(load_body().stature_of(motion.betas), abs=1e-3)
-    assert found["values"]["stature"] == stature
+    assert found["values"]["stature"] == 1.95
 
 
 def test_one_camera_that_is_left_of_two_measures_no_stature() -> None:

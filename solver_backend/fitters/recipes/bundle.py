@@ -240,7 +240,9 @@ def restart_outlier_markers(bundle: Bundle, schedule: Schedule) -> Bundle:
 def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
     """Estimate the body shape, and optionally the landmark offsets, from a sample of the poses."""
     posed, scale = bundle.posed, bundle.settings.robust_scale
-    known = ShapePrior(free_betas=bundle.settings.betas is None, free_offsets=offsets)
+    known = ShapePrior(
+        free_betas=bundle.settings.betas is None, free_offsets=offsets, stature_m=bundle.problem.stature_m
+    )
     objective = bundle.objective.frames.select(bundle.problem.sample)
     return replace(bundle, posed=posed.of_subject(refit_shape(posed.subject, bundle.sample, objective, scale, known)))
 
