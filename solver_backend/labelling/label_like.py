@@ -9,6 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
+from solver_backend.agreement.evidence import BOUND
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.body.markers import marker_landmarks
@@ -378,12 +379,7 @@ def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[f
     return (float(found.mean()), float(found.var())) if len(found) >= LEAST_FRAMES else (0.0, np.inf)
 
 
-CLEAR_GAIN, CLEAR_OF_TWO = 3.0, 6.0
-"""Smallest gain of a certain swap relative to every other take (see ``exchange_gains``), and smallest gain if the
-layout decides. In five correctly labelled takes for each of UI-PRMD's eight people, no swap gains more than 1.3 against
-all others, though 2 to 22 against a single one. Swapped C7 and T10 gain at least 23, LUPA and LFRM 5, knee and shank 2,
-wrists -8 to 8."""
-CLEAR_BY_LAYOUT = 3.0  # Smallest gain relative to the layout if equally many takes support and oppose a swap.
+OF_TAKES = 2  # Largest number of other takes that count as independent observations of a swap.
 EXCHANGE_ROUNDS = 12  # Largest number of swaps in one take. Takes are compared again after each.
 MOST_TOGETHER, BESIDE = 12, 3
 """Largest number of takes compared in pairs, and number of these with which each further take is compared."""
@@ -479,30 +475,31 @@ def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameCh
 
 
 def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float, bool]]:
-    """Find the takes with two swapped labels. Return each take, the gain of a swap, and whether the swap is certain.
+    """Find the takes with two swapped labels. Return each take, the gain in nats, and whether the swap is certain.
 
     ``gain`` (T, T) is the gain from a swap between two takes, NaN if one of them does not show both markers.
-    ``by_layout`` (T,) is the gain relative to the layout's landmarks.
+    ``by_layout`` (T,) is the gain relative to the layout's landmarks. It decides between equally many takes.
+
+    The other takes are compared with the same take, whose error they share, so at most ``OF_TAKES`` of them count as
+    independent. A swap is certain if it gains more than ``BOUND``. In 24 correct sets of four takes (UI-PRMD), none
+    gains half of it, but some gain 22 relative to a single take.
     """
     there = np.flatnonzero(np.isfinite(gain).any(1))
     between = gain[np.ix_(there, there)]
-    if len(there) < 2 or not (between > CLEAR_GAIN).any():
+    likely = between > 0.5 * BOUND
+    if not likely.any():
         return []
-    seed = int(np.argmax((between > CLEAR_GAIN).sum(axis=1)))
-    odd = ~(between[seed] > 0.0)
-    across = between[np.ix_(odd, ~odd)]
-    within = [between[np.ix_(group, group)] for group in (odd, ~odd)]
-    clear = float(np.nanmin(across)) if np.isfinite(across).any() else 0.0
-    agree = not any((part > 0.0).any() for part in within)
-    doubtful = clear > 0.5 * CLEAR_GAIN and np.nanmax(across, initial=-np.inf) > CLEAR_OF_TWO
-    if not agree or not (doubtful or clear > CLEAR_GAIN):
-        return []
+    odd = ~(between[int(np.argmax(likely.sum(axis=1)))] > 0.0)
     few, many = (odd, ~odd) if odd.sum() <= (~odd).sum() else (~odd, odd)
+    across = between[np.ix_(few, many)]
+    known = np.isfinite(across)
+    clear = float(across[known].min(initial=np.inf)) * min(int(known.any(axis=0).sum()), OF_TAKES)
+    if clear <= 0.5 * BOUND or any((between[np.ix_(group, group)] > 0.0).any() for group in (few, many)):
+        return []
     if few.sum() < many.sum():
-        return [(int(take), clear, clear > CLEAR_GAIN) for take in there[few]]
+        return [(int(take), clear, clear > BOUND) for take in there[few]]
     one, other = (float(np.mean(by_layout[there[group]])) for group in (few, many))
-    sure = clear > CLEAR_OF_TWO and min(one, other) < -CLEAR_BY_LAYOUT and max(one, other) > CLEAR_BY_LAYOUT
-    return [(int(take), clear, sure) for take in there[few if one > other else many]]
+    return [(int(take), clear, min(clear, abs(one - other)) > BOUND) for take in there[few if one > other else many]]
 
 
 def _replacements(
@@ -536,7 +533,7 @@ def _replacements(
         for t, (clear, sure) in odd.items():
             rest = [gains[t, s] for s in there if s not in odd and (t, s) in gains]
             least = np.min(rest, axis=0) if rest else np.zeros(0)
-            fits = bool(least.size) and float(least.max()) > CLEAR_GAIN
+            fits = bool(least.size) and float(least.max()) * min(len(rest), OF_TAKES) > BOUND
             other = points[t][near[t][int(np.argmax(least))] - len(labels)] if fits else ""
             found.append((clear, NameChange(t, label, other, mended=sure and fits)))
     return found

@@ -12,7 +12,7 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import calibrate_person
-from solver_backend.labelling.label_like import TakeShape, exchange_gains, names_over_takes, shape_of
+from solver_backend.labelling.label_like import TakeShape, _odd_takes, exchange_gains, names_over_takes, shape_of
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.worn_markers import worn_markers
 
@@ -109,6 +109,24 @@ def test_an_exchange_gains_where_one_take_has_the_names_the_other_way_round(take
     turned = TakeShape(other.points[:, order], other.distance[pairs], other.variance[pairs])
     straight, crossed = (float(exchange_gains(one, take, pair)[0]) for take in (other, turned))
     assert straight < -3.0 and crossed > 3.0
+
+
+@pytest.mark.parametrize(
+    ("gain", "layout", "certain"),
+    [
+        (7.0, (5.0, -2.0), True), (7.0, (2.0, -2.0), False), (4.0, (5.0, -2.0), False), (2.0, (5.0, -2.0), None),
+        (3.5, (0.0, 0.0, 0.0), True), (2.0, (0.0, 0.0, 0.0), False), (1.0, (0.0, 0.0, 0.0), None),
+        (3.5, (0.0,) * 4, True), (2.0, (0.0,) * 4, False),
+    ],
+)  # fmt: skip
+def test_a_swap_leads_by_the_bound_of_all_evidence(gain: float, layout: tuple[float, ...], certain: bool | None):
+    """At most two other takes count. Between two takes, the layout also leads by the bound."""
+    gains = np.full((len(layout), len(layout)), -20.0)
+    gains[0] = gains[:, 0] = 4.0
+    gains[0, -1] = gains[-1, 0] = gain
+    np.fill_diagonal(gains, np.nan)
+    found = [(take, sure) for take, _, sure in _odd_takes(gains, np.array(layout))]
+    assert found == ([] if certain is None else [(0, certain)])
 
 
 def test_a_calibration_says_which_names_it_exchanged(takes):
