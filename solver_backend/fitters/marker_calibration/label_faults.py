@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.body_evidence import MEAN_STATURE_M
+from solver_backend.agreement.evidence import BOUND, count_in_bins, fit_noise, log_density
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
@@ -17,7 +19,7 @@ from solver_backend.fitters.marker_calibration.person_doubts import over_takes
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_to_points, posed
-from solver_backend.geometry.arrays import Array, to_numpy, true_runs
+from solver_backend.geometry.arrays import Array, quantile, to_numpy, true_runs
 from solver_backend.geometry.marker_jumps import neighbours_of
 from solver_backend.labelling.label_like import NameChange, NamesOverTakes, names_over_takes, with_exchanged
 from solver_backend.residuals.terms import geman_mcclure
@@ -179,9 +181,6 @@ def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> 
 
 
 FRAMES = 16  # Number of varied frames compared before a person is calibrated.
-OFF_M, EXCHANGE_LEAVES = 0.04, 0.3
-"""Smallest RMS distance in metres of both markers from their positions, and largest share of it that may remain after a
-swap."""
 LEAST = 8  # Smallest number of frames that show both markers.
 
 
@@ -201,24 +200,27 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
 def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:
     """Find pairs of markers that are at each other's position in most frames.
 
-    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)``, where m is the median over frames, and s is
-    ``EXCHANGE_LEAVES``. The expected positions y are corrected by the body's error near each marker.
+    A swap gains ``m(log p(x_a - y_b) + log p(x_b - y_a) - log p(x_a - y_a) - log p(x_b - y_b))`` nats, where m is the
+    median over frames, which count once because offsets are constant. p is the noise per axis that is estimated from
+    all markers. The expected positions y are corrected by the body's error near each marker. The gain of a pair must
+    lead the labels as written, and every other pair with one of its markers, by ``BOUND``.
     """
     around = neighbours_of(points)
     shifted = expected + shared_error(points - expected, around)
-    pairs = np.array(sorted({(min(a, b), max(a, b)) for a, near in enumerate(around) for b in near}))
-    a, b = pairs[:, 0], pairs[:, 1]
-    straight, crossed = (
-        ((points[:, a] - shifted[:, i]) ** 2 + (points[:, b] - shifted[:, j]) ** 2).sum(-1) for i, j in ((a, b), (b, a))
-    )
-    compared = np.flatnonzero(np.isfinite(straight).sum(0) >= min(LEAST, len(points)))
-    straight, crossed = (np.nanmedian(part[:, compared], axis=0) for part in (straight, crossed))
-    wrong = (straight > 2 * OFF_M**2) & (crossed < EXCHANGE_LEAVES * straight)
+    own = (points - shifted) / MEAN_STATURE_M
+    noise = fit_noise(count_in_bins(own[None], np.ones(())))
+    gain = np.full(points.shape[1:2] * 2, -np.inf)
+    for a, near in enumerate(around):
+        crossed = (points[:, [a]] - shifted[:, near], points[:, near] - shifted[:, [a]])
+        parts = [*(part / MEAN_STATURE_M for part in crossed), own[:, [a]], own[:, near]]
+        one, other, straight, beside = (log_density(part, noise.sigma, noise.outliers).sum(-1) for part in parts)
+        gains = one + other - straight - beside
+        seen = np.isfinite(gains).sum(axis=0) >= min(LEAST, len(points))
+        gain[a, near[seen]] = gain[near[seen], a] = quantile(gains[:, seen], 0.5, axis=0)
     found: list[tuple[int, int]] = []
-    for k in np.flatnonzero(wrong)[np.argsort(crossed[wrong] - straight[wrong])]:
-        pair = int(a[compared[k]]), int(b[compared[k]])
-        if not any(set(pair) & set(other) for other in found):
-            found.append(pair)
+    for a, b in np.argwhere(np.triu(gain >= BOUND)).tolist():
+        rivals = np.delete(gain[a], b).max(), np.delete(gain[b], a).max()
+        found += [(a, b)] if gain[a, b] - max(rivals) >= BOUND else []
     return found
 
 

@@ -60,6 +60,14 @@ def test_nothing_is_exchanged_where_nothing_is(worn):
     assert exchanged_throughout(points, points + 0.02 * rng.normal(size=points.shape[1:])) == []
 
 
+def test_the_noise_of_a_take_decides_how_far_apart_markers_must_be():
+    rng = np.random.default_rng(3)
+    expected = np.cumsum(0.02 * rng.normal(size=(16, 1, 3)), axis=0) + 0.03 * np.arange(9)[:, None] * [1.0, 0.0, 0.0]
+    order = [0, 1, 2, 4, 3, 5, 6, 7, 8]
+    assert exchanged_throughout(expected[:, order] + 0.003 * rng.normal(size=expected.shape), expected) == [(3, 4)]
+    assert exchanged_throughout(expected[:, order] + 0.03 * rng.normal(size=expected.shape), expected) == []
+
+
 RECORDINGS = recordings_folder() / "markers"
 
 
