@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,12 +22,9 @@ from solver_backend.fitters.single_frame import fit_to_points, posed
 from solver_backend.geometry.arrays import Array, quantile, to_numpy, true_runs
 from solver_backend.geometry.marker_jumps import neighbours_of
 from solver_backend.labelling.label_like import NameChange, NamesOverTakes, names_over_takes, with_exchanged
-from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud
 
 WINDOW_S = 0.1  # Window in seconds for averaging hypotheses, because single frames are noisy.
-SIGMA_M, SCALE = 0.02, 4.0  # Deviation per axis of a marker from its rough position, and robust scale in these.
-GAIN = 3.0  # Smallest mean gain of a swap per marker over a window, in half squared deviations.
 GHOST_M = 0.11  # Smallest distance between a ghost and the expected position.
 MOST_NAMED = 5  # Largest number of markers with separate diagnostics. More share a cause and get one diagnostic.
 
@@ -56,9 +53,9 @@ def clean_labels(
 ) -> CleanedLabels:
     """Correct swapped labels, and exclude ghost points.
 
-    For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is the gain from a
-    label swap, where ρ is a robust square. The labels are swapped if the mean of g over a window is large. If only one
-    of the two markers is visible, it gets the other label.
+    For two neighbours a and b, the gain from a label swap is ``log p(x_a - y_b) + log p(x_b - y_a) - log p(x_a - y_a) -
+    log p(x_b - y_b)`` in nats, where p is the take's own noise. The labels are swapped if the mean gain over a window
+    is at least ``BOUND``. If only one of the two markers is visible, it gets the other label.
 
     Args:
         points: (F, M, 3) measured markers x in metres, NaN where missing.
@@ -68,12 +65,14 @@ def clean_labels(
     """
     points, flags, faults = points.copy(), np.zeros(points.shape[:2], np.uint8), []
     shifted = expected + shared_error(points - expected, around)
+    log_p = _noise_of(points - shifted)
     pairs = {(min(a, b), max(a, b)) for a in np.flatnonzero(tested) for b in around[a]}
-    gains = {pair: _gain(points, shifted, *pair) for pair in pairs}
+    gains = {pair: _gain(points, shifted, log_p, *pair) for pair in pairs}
     half = max(1, round(0.5 * WINDOW_S * fps))
-    for a, b in sorted(pairs, key=lambda pair: -gains[pair].sum(where=gains[pair] > 0)):
-        gain = _gain(points, shifted, a, b) / np.maximum(np.isfinite(points[:, [a, b], 0]).sum(-1), 1)
-        for first, last in true_runs(_smoothed(gain, half) > GAIN):
+    # Two markers that are no neighbours swap by way of a third one. Its label is right again in the second round.
+    for a, b in 2 * sorted(pairs, key=lambda pair: -gains[pair].sum(where=gains[pair] > 0)):
+        gain = _gain(points, shifted, log_p, a, b)
+        for first, last in true_runs(_smoothed(gain, half) >= BOUND):
             first, last = _trimmed(gain, first, last)
             if last < first:
                 continue
@@ -102,15 +101,20 @@ def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
     return np.nan_to_num(0.5 * (middle[0] + middle[1])[:, :, 0])
 
 
-def _gain(points: np.ndarray, expected: np.ndarray, a: int, b: int) -> np.ndarray:
-    straight = _misfit(points[:, a] - expected[:, a]) + _misfit(points[:, b] - expected[:, b])
-    return straight - _misfit(points[:, a] - expected[:, b]) - _misfit(points[:, b] - expected[:, a])
+LogDensity = Callable[[np.ndarray], np.ndarray]
+"""Log density (...) in nats of errors (..., 3) in metres."""
 
 
-def _misfit(off: np.ndarray) -> np.ndarray:
-    """Return half the robust squares (F,) of errors (F, 3), 0 where an error is missing."""
-    squared = (off * off).sum(-1) / SIGMA_M**2
-    return 0.5 * geman_mcclure(np.nan_to_num(squared), SCALE)[0]
+def _noise_of(off: np.ndarray) -> LogDensity:
+    """Fit the noise per axis of errors (F, M, 3) in metres: normal errors with uniform outliers (``fit_noise``)."""
+    noise = fit_noise(count_in_bins(off[None] / MEAN_STATURE_M, np.ones(())))
+    return lambda off: log_density(off / MEAN_STATURE_M, noise.sigma, noise.outliers).sum(-1)
+
+
+def _gain(points: np.ndarray, expected: np.ndarray, log_p: LogDensity, a: int, b: int) -> np.ndarray:
+    """Return the gain (F,) of swapping two labels in nats. A missing marker adds nothing."""
+    crossed = log_p(points[:, [a, b]] - expected[:, [b, a]])
+    return np.nan_to_num(crossed - log_p(points[:, [a, b]] - expected[:, [a, b]])).sum(-1)
 
 
 def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
@@ -200,21 +204,17 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
 def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:
     """Find pairs of markers that are at each other's position in most frames.
 
-    A swap gains ``m(log p(x_a - y_b) + log p(x_b - y_a) - log p(x_a - y_a) - log p(x_b - y_b))`` nats, where m is the
-    median over frames, which count once because offsets are constant. p is the noise per axis that is estimated from
-    all markers. The expected positions y are corrected by the body's error near each marker. The gain of a pair must
-    lead the labels as written, and every other pair with one of its markers, by ``BOUND``.
+    The gain of a swap is its median over frames, as in ``clean_labels``. The frames count once, because offsets are
+    constant. It must lead the labels as written, and every other pair with one of its markers, by ``BOUND``. The
+    expected positions y are corrected by the body's error near each marker.
     """
     around = neighbours_of(points)
     shifted = expected + shared_error(points - expected, around)
-    own = (points - shifted) / MEAN_STATURE_M
-    noise = fit_noise(count_in_bins(own[None], np.ones(())))
-    gain = np.full(points.shape[1:2] * 2, -np.inf)
+    log_p = _noise_of(points - shifted)
+    own, gain = log_p(points - shifted), np.full(points.shape[1:2] * 2, -np.inf)
     for a, near in enumerate(around):
-        crossed = (points[:, [a]] - shifted[:, near], points[:, near] - shifted[:, [a]])
-        parts = [*(part / MEAN_STATURE_M for part in crossed), own[:, [a]], own[:, near]]
-        one, other, straight, beside = (log_density(part, noise.sigma, noise.outliers).sum(-1) for part in parts)
-        gains = one + other - straight - beside
+        crossed = log_p(points[:, [a]] - shifted[:, near]) + log_p(points[:, near] - shifted[:, [a]])
+        gains = crossed - own[:, [a]] - own[:, near]
         seen = np.isfinite(gains).sum(axis=0) >= min(LEAST, len(points))
         gain[a, near[seen]] = gain[near[seen], a] = quantile(gains[:, seen], 0.5, axis=0)
     found: list[tuple[int, int]] = []
