@@ -260,13 +260,13 @@ SAME_S = 0.05  # Lags of three pairs that differ by less agree, seconds.
 
 
 def signal_lags(
-    signals: Sequence[Signal], *, reach_s: float, piece_s: float, floor_s: float, least: float = LEAST_CORRELATION
+    signals: Sequence[Signal], *, reach_s: float, floor_s: float, least: float = LEAST_CORRELATION
 ) -> SignalLags:
     """Estimate the lags and rates of C signals with the same sample rate.
 
-    Whole signals are correlated by FFT and normalised by the energies of their overlap. Then pieces of ``piece_s`` are
-    correlated near the best lags. A robust fit to all pieces of all pairs, with a prior for quartz clocks, gives lags
-    and rates.
+    Whole signals are correlated by FFT and normalised by the energies of their overlap. Then pieces with a length of
+    ``reach_s`` are correlated near the best lags. A robust fit to all pieces of all pairs, with a prior for quartz
+    clocks, gives lags and rates.
 
     Args:
         floor_s: smallest standard deviation in seconds, such as the delay of sound or an image interval.
@@ -281,7 +281,7 @@ def signal_lags(
     for (i, j), table in tables.items():
         lag = coarse[j] - coarse[i]
         agrees = abs(lag) <= reach * SAME_S and table[reach + round(lag / SAME_S)] > 0
-        pieces = _piece_lags(signals[i], signals[j], lag, piece_s) if agrees else []
+        pieces = _piece_lags(signals[i], signals[j], lag, reach_s) if agrees else []
         if pieces:
             joined = groups[i] | groups[j]
             groups = [joined if c in joined else group for c, group in enumerate(groups)]

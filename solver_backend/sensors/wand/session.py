@@ -52,7 +52,7 @@ from solver_backend.sensors.wand.views import (
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 from solver_backend.videos.sync.clocks import Clocks, SyncUnknown, at_times, clocks_of_signals, smoothed
-from solver_backend.videos.sync.synchronise import PIECE_S, REACH_S, ROLLING_SHUTTER, SPEED_RATE_HZ, in_step
+from solver_backend.videos.sync.synchronise import REACH_S, ROLLING_SHUTTER, SPEED_RATE_HZ, in_step
 
 SIGMA_PX = 0.3  # Standard deviation in pixels of a detected light or marker. It sets the robust scales.
 STEPS, TOLERANCE = 60, 1e-6
@@ -291,7 +291,7 @@ def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) 
     camera. If the speeds show no clear offset, the clocks are assumed equal, and the result contains a note.
     """
     names, signals = tuple(view.name for view in views), [_speed(view, wand) for view in views]
-    lags = {"reach_s": reach_s, "piece_s": PIECE_S, "floor_s": FLOOR_S, "least": LEAST_CORRELATION}
+    lags = {"reach_s": reach_s, "floor_s": FLOOR_S, "least": LEAST_CORRELATION}
     interval_s = float(np.median(np.concatenate([np.diff(view.times_s) for view in views])))
     try:
         clocks = in_step(clocks_of_signals(names, signals, "the wand's speed", **lags), 1.0 / interval_s)

@@ -27,7 +27,6 @@ from solver_backend.videos.video_detections import VideoDetections
 
 BY_SPEEDS = "keypoint speeds"  # Name of the method that needs no calibration.
 SPEED_RATE_HZ = 120.0  # Sample rate of the speeds.
-PIECE_S = 6.0  # Length of a compared piece of the signals in seconds.
 FLOOR_S = 0.005
 """Smallest standard deviation of a lag in seconds. Sound takes 3 ms per metre, and perspective shifts speed peaks."""
 SMOOTHED = 4.0  # Standard deviation of the smoothing of all signals in samples.
@@ -46,7 +45,7 @@ def clocks_by_speeds(
         SyncUnknown: the speeds in a view agree with no other view.
     """
     signals = [speeds(track, when, joint_set) for track, when in zip(tracks, times_s, strict=True)]
-    return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, piece_s=PIECE_S, floor_s=FLOOR_S)
+    return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, floor_s=FLOOR_S)
 
 
 def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
@@ -198,8 +197,7 @@ def by_sound(found: Sequence[VideoDetections]) -> Clocks:
     for item in found:
         heard = read_sound(item.video)
         signals.append(onsets(replace(heard, start_s=heard.start_s - float(item.times_s[0]))))
-    lags = {"reach_s": REACH_S, "piece_s": PIECE_S, "floor_s": FLOOR_S}
-    return clocks_of_signals(tuple(item.name for item in found), signals, "sound", **lags)
+    return clocks_of_signals(tuple(item.name for item in found), signals, "sound", reach_s=REACH_S, floor_s=FLOOR_S)
 
 
 def in_step(clocks: Clocks, fps: float) -> Clocks:

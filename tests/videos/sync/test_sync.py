@@ -24,7 +24,6 @@ from solver_backend.videos.sync.clocks import (
 )
 from solver_backend.videos.sync.synchronise import (
     FLOOR_S,
-    PIECE_S,
     FilmedTracks,
     by_sound,
     clocks_by_geometry,
@@ -133,7 +132,7 @@ def test_sound_tells_offset_and_drift_through_other_microphones() -> None:
     first = music(at) + 0.02 * rng.normal(size=len(at))
     second = 0.1 * music(at * (1 - rate) - offset) + 0.004 * rng.normal(size=len(at))
     signals = [onsets(Sound(s.astype(np.float32), 0.0)) for s in (first, second)]
-    found = signal_lags(signals, reach_s=6.5, piece_s=PIECE_S, floor_s=FLOOR_S)
+    found = signal_lags(signals, reach_s=6.5, floor_s=FLOOR_S)
     expected, sigma = offset + rate * (found.middle_s + offset), np.sqrt(found.covariance[1, (0, 1), (0, 1)])
     assert found.lag_s[1] == pytest.approx(expected, abs=5e-4)
     assert found.rate[1] == pytest.approx(rate, abs=3.5 * sigma[1]) and sigma[0] >= FLOOR_S
@@ -142,7 +141,7 @@ def test_sound_tells_offset_and_drift_through_other_microphones() -> None:
 def test_other_sounds_do_not_agree() -> None:
     rng = np.random.default_rng(3)
     signals = [Signal(rng.normal(size=(4000, 3)), 200.0) for _ in range(2)]
-    assert signal_lags(signals, reach_s=6.5, piece_s=5.0, floor_s=0.001).unknown == (1,)
+    assert signal_lags(signals, reach_s=6.5, floor_s=0.001).unknown == (1,)
 
 
 def seen(path: Path, times_s: np.ndarray) -> VideoDetections:
@@ -179,7 +178,7 @@ def test_a_pair_that_contradicts_the_others_has_no_effect() -> None:
     """Cameras b and d hear a second source, from which they seem 2 s apart."""
     heard = {0: [(0, 1.0)], 1: [(10, 1.0), (0, 1.5)], 2: [(20, 1.0)], 3: [(30, 1.0), (200, 1.5)]}
     signals = noises({c: [*one, (0, 0.0)][:2] for c, one in heard.items()})
-    told = clocks_of_signals(NAMES, signals, "test", reach_s=4.0, piece_s=5.0, floor_s=1e-3)
+    told = clocks_of_signals(NAMES, signals, "test", reach_s=4.0, floor_s=1e-3)
     np.testing.assert_allclose(told.offset_s, [0.0, 0.1, 0.2, 0.3], atol=2e-3)
 
 
@@ -193,7 +192,7 @@ def test_a_signal_without_agreement_is_named(alone: tuple[int, ...], message: st
     for c in alone:
         signals[c] = replace(signals[c], values=np.random.default_rng(c).normal(size=signals[c].values.shape))
     with pytest.raises(SyncUnknown, match=message):
-        clocks_of_signals(NAMES, signals, "test", reach_s=4.0, piece_s=5.0, floor_s=1e-3)
+        clocks_of_signals(NAMES, signals, "test", reach_s=4.0, floor_s=1e-3)
 
 
 def test_clocks_turn_back_and_go_through_a_file(tmp_path: Path) -> None:
@@ -245,7 +244,7 @@ def test_a_camera_that_loses_a_second_leaves_the_others_certain() -> None:
     sound = np.repeat(rng.normal(size=(3100, 2)), 2, axis=0)
     values = [sound[:6000] + 0.1 * rng.normal(size=(6000, 2)) for _ in range(4)]
     values[3] = np.concatenate([values[3][:2400], sound[2500:6100] + 0.1 * rng.normal(size=(3600, 2))])
-    found = signal_lags([Signal(one, 100.0) for one in values], reach_s=2.0, piece_s=5.0, floor_s=0.001)
+    found = signal_lags([Signal(one, 100.0) for one in values], reach_s=2.0, floor_s=0.001)
     assert not found.unknown
     np.testing.assert_allclose(found.lag_s[:3], 0.0, atol=0.002)
     assert (np.sqrt(found.covariance[1:3, 0, 0]) < 0.005).all()
