@@ -115,6 +115,9 @@ FRAMES = STRIDE * POSES  # Largest number of frames with likelihoods: on average
 MOVED = 0.04
 """Smallest distance in person sizes of independent poses, different bodies and moved cameras, scale of matching frames,
 and largest noise of views that agree."""
+BODY_SIGMA = np.radians(12.0)
+"""Standard deviation per axis (radians) of the angle between gravity and the direction from ankles to shoulders over a
+take. People who run, leap or tumble exceed it, and show little about gravity."""
 EACH, NEIGHBOURS = 8, 3  # Up to this number of cameras all pairs are compared, beyond it neighbours on either side.
 _FAR = 5.0  # Largest coordinate of a keypoint on the unit plane. Without it, squeezed images explain random points.
 _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.agreement.body_evidence import MEAN_STATURE_M
-from solver_backend.agreement.evidence import LEAST_NOISE, SAMPLED_FRAMES, SIGMAS
+from solver_backend.agreement.evidence import LEAST_NOISE, SAMPLED_FRAMES, SIGMAS, UNRELATED_OUTLIERS
 from solver_backend.agreement.person_tracks import (
     BRIDGE_S,
     TOLERANCE_M,
@@ -32,7 +32,7 @@ from solver_backend.types import Cameras, Detections, Keypoints2D
 
 USUAL_TIMES = 4.0  # Largest distance of a person's detection relative to the median. With 3.5, 1 % are missed.
 CLOSEST_M = 0.04  # Distance of a person's detection that is always accepted, in metres.
-SURE_SHARE = 0.8
+SURE_SHARE = 1.0 - UNRELATED_OUTLIERS
 """Share of a track from which its unusually distant detections are accepted too, and of a view's frames with one person
 in a view of one person. Such a view is unreliable if at most the rest of its detections is accepted."""
 

@@ -7,16 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.agreement.body_evidence import BONES, MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
-from solver_backend.agreement.evidence import SIGMAS
+from solver_backend.agreement.evidence import BODY_SIGMA, SIGMAS
 from solver_backend.agreement.person_tracks import TOLERANCE_M
 from solver_backend.agreement.reading import PictureReading, main_person, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.cameras.projection import undistort
+from solver_backend.cameras.robust_triangulation import ROBUST_SIGMAS
 from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras, Detections
 
 LEAST_OUTSIDE = 0.002  # Smallest share of keypoints outside an image with another size or rotation.
-LEAST_UPRIGHT = 0.8
+LEAST_UPRIGHT = float(np.cos(ROBUST_SIGMAS * BODY_SIGMA))
 """Smallest cosine of the trunk's angle at which a single view shows an image rotation. The sine of the angle between
 the view and the vertical must exceed the difference to 1, because people below a camera point in all directions."""
 SURFACES_M = (0.0, 1.0)  # Lowest and highest surface for a lying person in metres: floor and treatment table.

@@ -7,15 +7,15 @@ from functools import cache
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BLOCKS, BOUND, MOST_ROUNDS, SIGMAS
+from solver_backend.agreement.evidence import BLOCKS, BODY_SIGMA, BOUND, MOST_ROUNDS, SIGMAS
 from solver_backend.agreement.person_tracks import BRIDGE_S
 from solver_backend.agreement.reading import MIN_POINTS
 from solver_backend.biomechanics.support import SIGMA_M
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
+from solver_backend.geometry.alignment import turn_to_z
 from solver_backend.geometry.arrays import quantile
-from solver_backend.geometry.rotations import skew
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.recognition.marker_up_axis import FLOOR_M
 from solver_backend.io.recognition.person_scale import rest_keypoints
@@ -94,9 +94,6 @@ def mean_variance(values: Float[np.ndarray, "frames axes"]) -> float:
     return float(means.var(axis=0, ddof=1).mean() / len(means))
 
 
-BODY_SIGMA = np.radians(12.0)
-"""Standard deviation per axis (radians) of the angle between gravity and the direction from ankles to shoulders over a
-take. People who run, leap or tumble exceed it, and show little about gravity."""
 TILT_SIGMA = np.radians(4.0)
 """Standard deviation per axis (radians) of the mean direction from the support to the centre of mass, and of the roll
 of cameras that were set up by eye. A smaller tilt is usual, and is not corrected."""
@@ -239,15 +236,6 @@ def trunk_direction(points: Float[np.ndarray, "frames keypoints 3"], joint_set: 
 def middle_of(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:
     """Return the (F, 3) midpoints of the left and the right keypoint of a body part."""
     return 0.5 * (points[:, names.index(f"left_{part}")] + points[:, names.index(f"right_{part}")])
-
-
-def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return the smallest rotation that maps a direction to Z."""
-    up = up / np.linalg.norm(up)
-    if up[2] < -0.999999:
-        return np.diag([1.0, -1.0, -1.0])
-    V = skew(np.array([up[1], -up[0], 0.0]))
-    return np.eye(3) + V + V @ V / (1.0 + up[2])
 
 
 @dataclass(frozen=True)
