@@ -20,7 +20,7 @@ from solver_backend.agreement.evidence import (
 from solver_backend.agreement.reading import ENOUGH, Pose, Reading
 from solver_backend.cameras.refinement import resected
 from solver_backend.exchange.lens import DEFAULT_MODEL
-from solver_backend.geometry.alignment import nearest_rotation
+from solver_backend.geometry.alignment import nearest_rotation, umeyama
 from solver_backend.types import Cameras
 
 BONES = (
@@ -57,12 +57,9 @@ class BodyEvidence:
         both = np.isfinite(self.points).all(-1) & np.isfinite(other.points).all(-1)
         if both.sum() < 8:
             return True
-        a = self.points[both] - np.median(self.points[both], 0)
-        b = other.points[both] - np.median(other.points[both], 0)
-        U, S, Vt = np.linalg.svd(b.T @ a)
-        signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-        fit = (S * signs).sum() / max((b**2).sum(), 1e-12) * b @ (U * signs) @ Vt
-        return bool(np.median(np.linalg.norm(fit - a, axis=-1)) < MOVED * self.height)
+        scale, R, t = umeyama(other.points[both], self.points[both], with_scale=True)
+        off = scale * other.points[both] @ R.T + t - self.points[both]
+        return bool(np.median(np.linalg.norm(off, axis=-1)) < MOVED * self.height)
 
 
 def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = None) -> BodyEvidence:

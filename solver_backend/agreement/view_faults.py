@@ -24,7 +24,7 @@ from solver_backend.cameras.robust_triangulation import (
     triangulate,
 )
 from solver_backend.exchange.errors import NoDetections, TooFewViews
-from solver_backend.geometry.arrays import quantile, true_runs
+from solver_backend.geometry.arrays import bridges, quantile, true_runs
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import FEET, LIMBS, Cameras, Detections, JointSet, Keypoints2D
 
@@ -376,7 +376,9 @@ def exclude_bystanders(
     for view in doubtful_views(everybody, accepted):  # a moved camera may show the person, an unrelated one does not
         person[view] |= not _is_hopeless(cameras, keypoints, view)
     strange = sees & ~person & (sees.sum(axis=0) > 1)
-    runs = [run for run in view_runs(_closed(strange, round(least))) if strange[run.view, run.frames].sum() >= least]
+    before, after, _ = bridges(strange, round(least), axis=1)
+    closed = strange | (before != after)
+    runs = [run for run in view_runs(closed) if strange[run.view, run.frames].sum() >= least]
     if not runs:
         return unchanged
     out = np.zeros_like(strange)
@@ -384,11 +386,3 @@ def exclude_bystanders(
         out[run.view, run.frames] = strange[run.view, run.frames]
     keypoints = replace(keypoints, confidence=np.where(out[..., None], 0.0, keypoints.confidence))
     return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, keypoints.confidence), tuple(runs))
-
-
-def _closed(mask: np.ndarray, frames: int) -> np.ndarray:
-    closed = mask.copy()
-    for gap in view_runs(~mask):
-        if gap.last - gap.first < frames and gap.first > 0 and gap.last < mask.shape[1] - 1:
-            closed[gap.view, gap.frames] = True
-    return closed

@@ -1,10 +1,11 @@
-"""Align point sets rigidly or by a similarity, and find the rotation nearest to a matrix."""
+"""Align point sets and directions, and find the rotation nearest to a matrix."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from solver_backend.geometry.arrays import Array, array_namespace, constant
+from solver_backend.geometry.rotations import skew
 from solver_backend.types.shapes import Float
 
 
@@ -63,6 +64,15 @@ def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) 
     right = np.cross(forward, upright)
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     return np.stack([right, np.cross(forward, right), forward], axis=1)
+
+
+def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return the smallest rotation that maps a direction to Z."""
+    up = up / np.linalg.norm(up)
+    if up[2] < -0.999999:
+        return np.diag([1.0, -1.0, -1.0])
+    V = skew(np.array([up[1], -up[0], 0.0]))
+    return np.eye(3) + V + V @ V / (1.0 + up[2])
 
 
 def _rotation_and_strength(M: Array) -> tuple[Array, Array]:

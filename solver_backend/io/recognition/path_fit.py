@@ -14,9 +14,10 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.camera_corrections import QUARTER, TURNS
 from solver_backend.cameras.steady_camera import steady_camera
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
+from solver_backend.geometry.alignment import turn_to_z
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.camera_paths import ESTIMATED, FilmedPath
-from solver_backend.io.recognition.gravity import foot_keypoints, turn_to_z
+from solver_backend.io.recognition.gravity import foot_keypoints
 from solver_backend.priors.lifted_take import LiftedTake, lift_take, lowest_feet, up_by_floor
 from solver_backend.types import Cameras, Keypoints2D
 

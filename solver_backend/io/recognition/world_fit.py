@@ -21,10 +21,11 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.plausible import HIGHEST_STEP_M
 from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSettings
+from solver_backend.geometry.alignment import turn_to_z
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
-from solver_backend.io.recognition.gravity import floor_height, measure_level, roll_gain, trunk_direction, turn_to_z
+from solver_backend.io.recognition.gravity import floor_height, measure_level, roll_gain, trunk_direction
 from solver_backend.io.recognition.marker_up_axis import FLOOR_M
 from solver_backend.io.recognition.path_fit import fit_path
 from solver_backend.io.recognition.person_scale import LEG_SHARE, bone_lengths, scale_from_stature
