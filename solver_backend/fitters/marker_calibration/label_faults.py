@@ -68,10 +68,10 @@ def clean_labels(
     log_p = _noise_of(points - shifted)
     pairs = {(min(a, b), max(a, b)) for a in np.flatnonzero(tested) for b in around[a]}
     gains = {pair: _gain(points, shifted, log_p, *pair) for pair in pairs}
-    half = max(1, round(0.5 * WINDOW_S * fps))
+    half, swapped = max(1, round(0.5 * WINDOW_S * fps)), set[int]()
     # Two markers that are no neighbours swap by way of a third one. Its label is right again in the second round.
     for a, b in 2 * sorted(pairs, key=lambda pair: -gains[pair].sum(where=gains[pair] > 0)):
-        gain = _gain(points, shifted, log_p, a, b)
+        gain = _gain(points, shifted, log_p, a, b) if {a, b} & swapped else gains[a, b]
         for first, last in true_runs(_smoothed(gain, half) >= BOUND):
             first, last = _trimmed(gain, first, last)
             if last < first:
@@ -81,6 +81,7 @@ def clean_labels(
             flags[stretch, a] |= MARKER_SWAPPED
             flags[stretch, b] |= MARKER_SWAPPED
             faults.append(LabelFault(int(a), int(b), first, last))
+            swapped |= {a, b}
     off = np.linalg.norm(points - shifted, axis=-1)
     ghosts = (np.nan_to_num(off) > GHOST_M) & tested
     for m in np.flatnonzero(ghosts.any(axis=0)):
