@@ -203,7 +203,8 @@ def _beats_in_step(
     """Return a (C,) mask of views whose detections fit better at their delays ``late`` (C, N) in most time blocks.
 
     With slow movement the errors hardly depend on the delay, and their minimum is not significant although the slopes
-    suggest it. The delay of a view with fewer than three time blocks cannot be tested, and is not confirmed.
+    suggest it. With fewer than three time blocks or ``2 ENOUGH`` frames of a view, its delay cannot be tested, and is
+    not confirmed.
 
     Args:
         tracks: (C, F, K, 2) keypoints in px.
@@ -220,10 +221,10 @@ def _beats_in_step(
         gain = _robust_error(cameras, tracks_at(tracks, frames + alone), sigma_px) - error
         moved = np.abs(late[view]) >= LEAST_DRIFT_FRAMES  # A drift begins with no delay.
         gain = np.where(np.isfinite(gain[view]), gain, np.nan)[:, moved & np.isfinite(gain[view]).any(axis=-1)]
-        blocks = np.array_split(np.nanmean(gain, axis=(0, 2)), BLOCKS)
-        means = np.array([block.mean() for block in blocks if block.size])
-        confirmed[view] = len(means) > 2
+        confirmed[view] = gain.shape[1] >= 2 * ENOUGH  # The errors of shorter blocks depend on each other.
         if confirmed[view]:
+            blocks = np.array_split(np.nanmean(gain, axis=(0, 2)), BLOCKS)
+            means = np.array([block.mean() for block in blocks])
             means = np.minimum(means, max(float(np.median(means)), 0.0))  # one block with much motion must not decide
             confirmed[view] = means.mean() > SIGMAS * means.std(ddof=1) / np.sqrt(len(means))
     return confirmed

@@ -1,5 +1,6 @@
 """Delays of cameras are told to a third of a frame, one or several late; cameras in step stay in step."""
 
+import tarfile
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from solver_backend.agreement import lags
 from solver_backend.agreement.synchronisation import estimate_delays, synchronised
 from solver_backend.cameras.projection import project
+from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture, detect
 from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.synthesis.simulation.keypoint_detector import delayed
@@ -82,6 +84,13 @@ def test_a_view_of_the_first_seventh_of_a_take_has_no_known_delay(capture, seed)
     found = estimated(filmed)
     assert np.isnan(found.frames[2]) and not found.moved.any()
     np.testing.assert_allclose(found.frames[[0, 1, 3]], 0.0, atol=0.25)
+
+
+def test_half_a_second_of_cameras_in_step_has_no_delay(shared_data, tmp_path):
+    with tarfile.open(shared_data / "cases" / "views4" / "ros_1.tar.xz") as archive:
+        archive.extractall(tmp_path, filter="data")
+    (folder,) = tmp_path.iterdir()
+    assert not estimated(load_capture(folder)).moved.any()
 
 
 def test_three_views(capture):
