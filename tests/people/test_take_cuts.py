@@ -42,3 +42,10 @@ def test_frames_in_the_order_of_texts() -> None:
         assert "sorted by name (1, 10, 2)" in found
     assert report_order(rows(*range(60, 180))) == () == report_order(rows(*range(0, 360, 3)))
     assert report_order(rows(*range(8))) == () == report_order(rows(*[60] * 40))
+
+
+def test_one_camera_with_frames_in_the_order_of_texts_is_named() -> None:
+    every = rows(*range(60, 180))
+    every.xy[1] = every.xy[1, [number - 1 for number in sorted(range(1, 121), key=str)]]
+    [found] = report_order(every)
+    assert found.where.cameras == (every.cameras[1],)
