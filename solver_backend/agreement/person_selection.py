@@ -290,7 +290,7 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
         raise NoDetections("No person was detected.", where=where, hint="Run the detector again.")
     seen, size = np.bincount(tracks[shown]), np.bincount(tracks[shown], extent(points)[shown])
     enough = seen >= (1 - SURE_SHARE) * seen.max()  # much shorter tracks are passers-by
-    kept = [n for n in np.argsort(-size).tolist() if enough[n] or n == size.argmax()]
+    kept = [n for n in np.argsort(-size, kind="stable").tolist() if enough[n] or n == size.argmax()]
     count = int((seen > 0).sum())
     others = [diagnostic("other_tracks", count=count - 1, solvable=len(kept) - 1)] if count > 1 else []
     notes = (diagnostic("person_chosen", basis="largest", seen=int(seen[kept[0]]), of=len(points)), *others)

@@ -264,7 +264,7 @@ def _chained(count: int, before: np.ndarray, after: np.ndarray, cost: np.ndarray
     An item is linked to at most one item before it and one after it.
     """
     previous, is_last = np.arange(count), np.ones(count, bool)
-    order = np.argsort(cost)
+    order = np.argsort(cost, kind="stable")
     for a, b in zip(before[order].tolist(), after[order].tolist(), strict=True):
         if is_last[a] and previous[b] == b:
             is_last[a], previous[b] = False, a
