@@ -254,7 +254,8 @@ def _joined(
     possible = follows & (cost < np.where(shared > 0, 3.0, 1.0))
     # The last term prefers the shorter absence among near candidates.
     total = cost - 3.0 * shared + 0.1 * np.log1p(np.maximum(absence_s, 0.0))
-    chain = _chained(len(tracklets), *np.nonzero(possible), total[possible])
+    before, after = np.nonzero(possible)
+    chain = _chained(len(tracklets), before, after, total[possible])
     return [np.concatenate([tracklets[i] for i in np.flatnonzero(chain == start)]) for start in np.unique(chain)]
 
 
