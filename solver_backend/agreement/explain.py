@@ -86,7 +86,8 @@ class Explanation:
     reading: Reading  # Interpretation to solve. It is the literal one if none wins.
     applied: tuple[Applied, ...]  # Hypotheses that explain the capture.
     agrees: bool  # Whether the views show one body in this interpretation.
-    margin: float  # Log-likelihood ratio relative to the best one with another body, nats. Infinite if there is none.
+    margin: float
+    """Log-likelihood ratio in nats relative to the best one with another body or without one change, or infinity."""
     runner_up: str  # That interpretation, as text.
     open: tuple[str, ...] = ()  # The two best explanations if neither wins.
     share: float = 0.0  # Share of the keypoints that agree between views.
@@ -263,15 +264,16 @@ class _Search:
         # All of these explain the capture equally well, so the one with the fewest changes is the most likely.
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), -s.total))
         others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
-        leads = ((table[0].total - s.total, self.describe(s.reading)) for s in others)
-        margin, runner_up = min(leads, default=(np.inf, ""))
+        changes = changes_of(chosen.reading)
+        rest = self.score([without for *_, without in changes])  # Each change must be needed, too.
+        leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in rest]
+        margins = ((total - s.total, self.describe(s.reading)) for total, s in leads)
+        margin, runner_up = min(margins, default=(np.inf, ""))
         related = chosen.epipolar >= BOUND
         if chosen.reading == self.written or not related or margin < BOUND:
             unsure = related and chosen.reading != self.written
             best = (self.describe(chosen.reading), runner_up) if unsure else ()
             return Explanation(self.written, (), self._pairs_agree(self.written), margin, runner_up, best)
-        changes = changes_of(chosen.reading)
-        rest = self.score([without for *_, without in changes])
         applied = tuple(
             Applied(code, views, meaning, chosen.total - score.total)
             for (code, views, meaning, _), score in zip(changes, rest, strict=True)
