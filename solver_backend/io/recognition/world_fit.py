@@ -79,8 +79,8 @@ class WorldCheck:
         found, name = list[Diagnostic](), self.up_axis().upper()
         floor = floor_height(self.points, self.joint_set)
         if np.isfinite([self.stature_m, floor]).all():
-            figures: dict[str, Any] = {"stature": self.stature_m, "lowest": floor, "size": self.residual_px}
-            found.append(diagnostic("person_triangulated", **figures))
+            figures = {"lowest": round(floor, 2) + 0.0, "size": self.residual_px}  # no -0
+            found.append(diagnostic("person_triangulated", stature=self.stature_m, **figures))
         if np.isfinite(self.stature_m) and not POSSIBLE_M[0] < self.stature_m < POSSIBLE_M[1]:
             found.append(diagnostic("stature_unlikely", stature=self.stature_m))
         elif name != "Z":

@@ -53,7 +53,7 @@ def test_a_calibration_made_at_another_resolution_is_scaled(tmp_path: Path) -> N
     )
     assert found.cameras is not None
     assert found.cameras.image_size.tolist() == [[960, 540]] * 3
-    assert "median error is 0." in "\n".join(words(found.notes))
+    assert "median keypoint error is 0." in "\n".join(words(found.notes))
 
 
 @pytest.mark.parametrize(
