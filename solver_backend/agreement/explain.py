@@ -245,11 +245,10 @@ class _Search:
         The likelihoods may be similar, or both interpretations may give the same body with similar noise. If only the
         best one has fitted parameters, which absorb calibration errors, the other one only needs views that agree.
         """
-        alike = other.sigma <= AS_NOISY * best.sigma and 2 * (other.outliers - best.outliers) <= UNRELATED_OUTLIERS
-        alike = alike and len(other.reading.left_out) <= len(best.reading.left_out)
         agrees = other.sigma <= min(MOVED, AGREED_TIMES * best.sigma) and other.outliers <= UNRELATED_OUTLIERS
-        alike = alike or (agrees and best.reading.is_fitted and not other.reading.is_fitted)
-        return best.total - other.total < BOUND or (alike and best.body.is_same(other.body))
+        alike = _is_as_quiet(other, best) or (agrees and best.reading.is_fitted and not other.reading.is_fitted)
+        near = best.total - other.total < BOUND or (alike and best.body.is_same(other.body))
+        return near or _absorbs(best, other)
 
     def decide(self) -> Explanation:
         """Return the winning interpretation, or the literal one if no other is certain."""
@@ -262,8 +261,9 @@ class _Search:
         table = sorted(self.score(likely), key=lambda s: -s.total)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
         # All of these explain the capture equally well, so the one with the fewest changes is the most likely.
-        chosen = min(near, key=lambda s: (len(changes_of(s.reading)), -s.total))
+        chosen = min(near, key=lambda s: (len(changes_of(s.reading)), s.reading.is_cropped, -s.total))
         others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
+        others = [s for s in others if not _absorbs(s, chosen)]
         changes = changes_of(chosen.reading)
         rest = self.score([without for *_, without in changes])  # Each change must be needed, too.
         leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in rest]
@@ -290,6 +290,16 @@ class _Search:
             usual = meaning if len(views) == len(names) else f"{meaning} ({which})"
             parts.append(_PHRASES.get(code, usual).format(which=which, owners=owners))
         return "; ".join(parts) or "the files are correct"
+
+
+def _is_as_quiet(one: Scored, best: Scored) -> bool:
+    alike = one.sigma <= AS_NOISY * best.sigma and 2 * (one.outliers - best.outliers) <= UNRELATED_OUTLIERS
+    return alike and len(one.reading.left_out) <= len(best.reading.left_out)
+
+
+def _absorbs(cropped: Scored, plain: Scored) -> bool:
+    """Return whether a fitted crop of the images only absorbs calibration errors, so that it is no evidence."""
+    return cropped.reading.is_cropped and not plain.reading.is_cropped and _is_as_quiet(plain, cropped)
 
 
 def _exchange_sides(reading: Reading) -> Reading:

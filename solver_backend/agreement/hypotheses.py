@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.body_evidence import refit_pose
-from solver_backend.agreement.evidence import BOUND, LEAST_NOISE, MOST_ROUNDS, SCALES, STRIDE, TakeEvidence
+from solver_backend.agreement.evidence import BOUND, LEAST_NOISE, MOST_ROUNDS, SCALES, SIGMAS, STRIDE, TakeEvidence
 from solver_backend.agreement.reading import MIRROR_MEANINGS, PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS, POSES, TURNS
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
@@ -185,6 +185,8 @@ def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: f
     # Without the prior, images squeezed to a line or a point explain even random points.
     apart = [is_fitted * np.log(picture.size / usual.size), np.log(picture.window[0] / usual.window[0])]
     apart += np.subtract(picture.window[1:], usual.window[1:]).tolist()
+    if np.abs(apart).max() > SIGMAS * SPREAD:
+        return np.inf
     return float(
         0.5 * np.sum((np.array(apart) / SPREAD) ** 2)
         + (picture.size != usual.size) * np.log(len(FACTORS))

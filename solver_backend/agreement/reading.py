@@ -132,6 +132,11 @@ class Reading:
         return replace(self, **{name: (*row[:view], values[name], *row[view + 1 :]) for name, row in rows.items()})
 
     @property
+    def is_cropped(self) -> bool:
+        """Return whether most views have a fitted image crop."""
+        return self.common()[0].window != AS_CALIBRATED
+
+    @property
     def is_fitted(self) -> bool:
         """Return whether a pose or an image crop was fitted to the detections."""
         return any(self.moved) or any(picture.window != AS_CALIBRATED for picture in self.pictures)

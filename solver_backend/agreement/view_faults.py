@@ -24,7 +24,7 @@ from solver_backend.cameras.robust_triangulation import (
     triangulate,
 )
 from solver_backend.exchange.errors import NoDetections, TooFewViews
-from solver_backend.geometry.arrays import bridges, quantile, true_runs
+from solver_backend.geometry.arrays import best_states, bridges, quantile, true_runs
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import FEET, LIMBS, Cameras, Detections, JointSet, Keypoints2D
 
@@ -180,23 +180,6 @@ def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view: int) -> bool:
     pairs, noise = evidence.pair_noise(Reading.as_written(len(cameras)))
     own = np.array([view in pair for pair in pairs])
     return bool(own.any() and (~own).any() and not noise.is_related[own].any() and noise.is_related[~own].all())
-
-
-def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
-    """Return the (..., F) states that minimise ``Σ_f u_f(s_f) + Σ_f T_f(s_{f-1}, s_f)`` (Viterbi 1967).
-
-    The costs are u (..., F, 2) for each state, and T (..., F, 2, 2) for each transition from the previous frame's
-    state. State 0 wins if both have equal costs.
-    """
-    cost, before = unary[..., 0, :], list[np.ndarray]()
-    for f in range(1, unary.shape[-2]):
-        ways = cost[..., :, None] + transition[..., f, :, :]
-        before.append(ways[..., 1, :] < ways[..., 0, :])
-        cost = ways.min(axis=-2) + unary[..., f, :]
-    states = [cost[..., 1] < cost[..., 0]]
-    for came in reversed(before):
-        states.append(np.where(states[-1], came[..., 1], came[..., 0]))
-    return np.stack(states[::-1], axis=-1)
 
 
 EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector swaps together.

@@ -143,6 +143,23 @@ def bridges(known: np.ndarray, longest: int, axis: int = 0) -> tuple[np.ndarray,
     return before, after, (number - before) / np.maximum(after - before, 1)
 
 
+def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
+    """Return the (..., F) states that minimise ``Σ_f u_f(s_f) + Σ_f T_f(s_{f-1}, s_f)`` (Viterbi 1967).
+
+    The costs are u (..., F, 2) for each state, and T (..., F, 2, 2) for each transition from the previous frame's
+    state. State 0 wins if both have equal costs.
+    """
+    cost, before = unary[..., 0, :], list[np.ndarray]()
+    for f in range(1, unary.shape[-2]):
+        ways = cost[..., :, None] + transition[..., f, :, :]
+        before.append(ways[..., 1, :] < ways[..., 0, :])
+        cost = ways.min(axis=-2) + unary[..., f, :]
+    states = [cost[..., 1] < cost[..., 0]]
+    for came in reversed(before):
+        states.append(np.where(states[-1], came[..., 1], came[..., 0]))
+    return np.stack(states[::-1], axis=-1)
+
+
 _ROUNDED = {"lower": np.floor, "nearest": np.rint}
 
 

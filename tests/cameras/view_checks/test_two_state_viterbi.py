@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from solver_backend.agreement.view_faults import best_states
+from solver_backend.geometry.arrays import best_states
 
 
 def cheapest(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
