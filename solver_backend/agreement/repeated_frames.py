@@ -16,7 +16,7 @@ from solver_backend.types import Detections, Keypoints2D
 LONGEST = 5  # Longest run of repeated or skipped frames to interpolate. Lines of filled gaps are twice as long.
 STILL_PX = 0.02
 """Largest movement of a still person's keypoints in px, and distance of interpolated ones from a line, in files with
-two decimals. Equal frames of a person who stands still are no repetition."""
+two decimals. A motionless person also has equal frames."""
 LEAST_REPEATED = 1.0  # Percentage of repeated frames that is reported. Fewer are interpolated silently.
 
 
@@ -109,7 +109,7 @@ def take_cuts(detections: Detections) -> list[int]:
 
 
 def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
-    """Report cameras whose frames are sorted as text (1, 10, 100, 2).
+    """Report cameras with frames in text order (1, 10, 100, 2).
 
     Sorting them by number must more than halve the movement. It leaves 0.03 to 0.24 of it for 40 to 360 frames of the
     demo. If the frames are already in order, sorting at least triples it.

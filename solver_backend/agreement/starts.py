@@ -189,7 +189,7 @@ def rates_by_length(cameras: Cameras, detections: Detections) -> np.ndarray:
 def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> bool:
     """Return whether the views match better at these (C,) frame rates, relative to the take's, than at rates of 1.
 
-    Cameras of one rate match each other at any rate, so the rate whose median camera matches least decides.
+    Cameras of one rate match each other at any rate, so the group with the lowest median decides.
     """
     if (rates == 1).all():
         return False
