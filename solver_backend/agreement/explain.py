@@ -129,13 +129,15 @@ class _Search:
         self.is_whole = rows is ROWS  # True for a whole take, with the conventions of its files.
         self.rows = [row for row in rows if not (names_stated and row is exchange_names)]
         self.is_alone = is_alone  # Among several people the largest one may differ between views.
-        self.constraints = self.quick.comparisons()  # The errors of a wrong reading depend on each other.
+        self.constraints = self.quick.comparisons()
         self.effect: float | None = None  # Bone lengths per independent one, for the most likely interpretation.
         self._proposed: dict[tuple[Row, Reading], list[Reading]] = {}
 
     def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
         found = list(dict.fromkeys(readings))
         ratio, _ = (evidence or self.quick).likelihoods(found)
+        if evidence is None:  # Of the most likely one, because the errors of a wrong one depend on each other.
+            self.constraints = self.quick.constraints(found[int(ratio.argmax())])
         score = [d * self.constraints - cost_of(r, self.constraints) for d, r in zip(ratio, found, strict=True)]
         return [found[k] for k in np.argsort(-np.array(score), kind="stable")]
 
@@ -156,8 +158,6 @@ class _Search:
         simple = (r for r in common if not r.pictures[0].mirrored and r.correction(0).changes <= 1)
         common += self._propose(named, list(simple))
         alike = self._rank([*self._rank(common, self.scout)[: 4 * BEAM], self.written])
-        self.constraints = self.quick.constraints(alike[0])
-        alike = self._rank(alike)
         found, beam = alike[: 2 * BEAM], list(dict.fromkeys([*alike[:BEAM], self.written]))
         for _ in range(MOST_FAULTS):
             named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOST_FAULTS]
@@ -169,11 +169,8 @@ class _Search:
             beam, before = list(dict.fromkeys([*found[:BEAM], *plain[:BEAM], self.written])), beam
             if beam == before:
                 break
-            self.constraints = self.quick.constraints(beam[0])
-        if self.is_whole and self.evidence.views > 2:
-            found = self._rank([*found, *self._shown(found[0], alike[0])])
-        self.constraints = self.quick.constraints(found[0])
-        return self._rank(found)
+        shown = self._shown(found[0], alike[0]) if self.is_whole and self.evidence.views > 2 else ()
+        return self._rank([*found, *shown])
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
         """Return interpretations with another image crop, if such a crop fits better than ``best``."""

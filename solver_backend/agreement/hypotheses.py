@@ -11,42 +11,48 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.body_evidence import refit_pose
-from solver_backend.agreement.evidence import BOUND, LEAST_NOISE, MOST_ROUNDS, SCALES, SIGMAS, STRIDE, TakeEvidence
+from solver_backend.agreement.evidence import BOUND, LEAST_NOISE, SCALES, SIGMAS, STRIDE, TakeEvidence
 from solver_backend.agreement.reading import MIRROR_MEANINGS, PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS, POSES, TURNS
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
+from solver_backend.solver.levenberg_marquardt import DenseBlocks, LazyNormalEquations, LMSettings, levenberg_marquardt
 
 _PARTS = ("size", "width", "left", "top")  # Parameters of images: their size and width, and positions of two edges.
 FREE = ("width",), ("left", "top"), ("size", "width"), ("size", "left", "top"), _PARTS
 """Parameters that are fitted together."""
 FREE_OF_ONE = ("width",), ("size", "width")  # The same for a single camera. Its crop would look like a rotation.
-CONVERGED = LEAST_NOISE  # Step length at which a fit ends, and of numerical derivatives.
-SPREAD = 0.3  # Prior deviation of the logarithms of sizes and widths, and of edges in image heights. Largest step.
+CONVERGED = LEAST_NOISE  # Step length of numerical derivatives, and at which a fit ends.
+SPREAD = 0.3  # Prior deviation of the logarithms of sizes and widths, and of edges in image heights.
 
 
 def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[str, ...], views: tuple[int, ...] = ()) -> Reading:
     """Fit the image size or crop of an interpretation so that the views agree best.
 
-    Gauss-Newton steps with Geman-McClure weights (1987) minimise the epipolar distances. ``free`` names the fitted
-    parameters. All ``views`` get the same values. If ``views`` is empty, all views do.
+    Levenberg-Marquardt steps with Geman-McClure weights (1987) minimise the epipolar distances. ``free`` names the
+    fitted parameters. All ``views`` get the same values. If ``views`` is empty, all views do.
     """
     views = views or tuple(range(evidence.views))
-    x, changes = np.zeros(len(_PARTS)), np.array([[part == own for part in _PARTS] for own in free]) * 1.0
+    x, changes = np.zeros((1, len(free))), np.array([[part == own for part in _PARTS] for own in free]) * 1.0
+
+    def distances(places: np.ndarray) -> np.ndarray:
+        readings = [_with(reading, place @ changes, views) for place in places]
+        off = evidence.distances(readings).reshape(len(places), -1)
+        return off[:, np.isfinite(off).all(0)]
+
+    def linearise(x: np.ndarray, width: float) -> tuple[np.ndarray, LazyNormalEquations]:
+        off, prior = distances(x), (width / SPREAD) ** 2
+
+        def form() -> DenseBlocks:
+            slopes = (distances(x + CONVERGED * np.eye(len(free))) - off) / CONVERGED
+            weighted = slopes / (1 + (off / width) ** 2) ** 2
+            normal = weighted @ slopes.T + prior * np.eye(len(free))
+            return DenseBlocks(normal[None], (weighted @ off[0])[None] + prior * x)
+
+        return (off**2 / (1 + (off / width) ** 2)).sum(1) + prior * (x**2).sum(1), LazyNormalEquations(form)
+
     for width in SCALES:
-        for _ in range(MOST_ROUNDS):
-            readings = [_with(reading, place, views) for place in (x, *(x + CONVERGED * changes))]
-            off = evidence.distances(readings).reshape(len(readings), -1)
-            off = off[:, np.isfinite(off).all(0)]
-            slopes = (off[1:] - off[0]) / CONVERGED
-            weighted = slopes / (1 + (off[0] / width) ** 2) ** 2
-            prior = (width / SPREAD) ** 2
-            gradient = weighted @ off[0] + prior * (changes @ x)
-            step = np.linalg.solve(weighted @ slopes.T + prior * np.eye(len(changes)), gradient)
-            step = np.clip(step, -SPREAD, SPREAD)
-            x = x - step @ changes
-            if np.abs(step).max() < CONVERGED:
-                break
-    fitted = enumerate(_with(reading, x, views).pictures)
+        x = levenberg_marquardt(x, partial(linearise, width=width), np.add, LMSettings(tolerance=CONVERGED)).state
+    fitted = enumerate(_with(reading, x[0] @ changes, views).pictures)
     return replace(reading, pictures=tuple(_plain(one) if view in views else one for view, one in fitted))
 
 

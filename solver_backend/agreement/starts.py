@@ -69,12 +69,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     return CameraStarts(np.where(sure, best[first] + exact - exact[first], numbered), StartEvidence.APART, doubtful)
 
 
-def strength(cameras: Cameras, detections: Detections) -> float:
-    """Return how strongly a few frames of the median camera match at the best offsets."""
-    return float(np.median(_strengths(cameras, detections)))
-
-
-def _strengths(cameras: Cameras, detections: Detections) -> np.ndarray:
+def strengths(cameras: Cameras, detections: Detections) -> np.ndarray:
     """Return how strongly a few frames of each camera match at the best offsets (see ``PeopleLags.strengths``)."""
     step = max(1, -(-detections.num_frames // SAMPLED_FRAMES))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
@@ -89,10 +84,10 @@ def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None
         return None
     readings = [replace(written, pictures=(PictureReading(*kind),) * count) for kind in product(FACTORS, TURNS)]
     readings += [replace(written, pose=pose, graphics=axes) for pose, axes in product(POSES, (False, True))]
-    strengths = {reading: strength(*apply_reading(cameras, detections, reading)) for reading in dict.fromkeys(readings)}
-    best = max(strengths, key=lambda reading: strengths[reading])
-    rivals = [strengths[reading] for reading in strengths if _differ(reading, best)]
-    clear = strengths[best] >= LEAST_STRENGTH and max(rivals) < RIVAL_SHARE * strengths[best]
+    found = {r: np.median(strengths(*apply_reading(cameras, detections, r))) for r in dict.fromkeys(readings)}
+    best = max(found, key=lambda reading: found[reading])
+    rivals = [found[reading] for reading in found if _differ(reading, best)]
+    clear = found[best] >= LEAST_STRENGTH and max(rivals) < RIVAL_SHARE * found[best]
     return best if clear and best != written else None
 
 
@@ -193,6 +188,6 @@ def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> 
     """
     if (rates == 1).all():
         return False
-    tried = (_strengths(cameras, rows) for rows in (at_one_rate(detections, rates), detections))
+    tried = (strengths(cameras, rows) for rows in (at_one_rate(detections, rates), detections))
     then, now = (min(float(np.median(found[rates == rate])) for rate in set(rates.tolist())) for found in tried)
     return then >= LEAST_STRENGTH and now < RIVAL_SHARE * then

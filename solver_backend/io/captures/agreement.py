@@ -24,7 +24,7 @@ from solver_backend.agreement.starts import (
     rates_by_length,
     rates_match,
     read_out_of_step,
-    strength,
+    strengths,
 )
 from solver_backend.agreement.synchronisation import reach_frames, synchronised
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, notes_in, warnings_in, word
@@ -218,8 +218,8 @@ class Agreeing:
         cameras, seen = self.in_file(options), self.detections
         found = explain(cameras, seen, names_stated=bool(options.camera or options.offset))
         if found.changed and (seen.people() > 1).any():  # the largest person may differ between the views
-            written = strength(cameras, seen)
-            if strength(*apply_reading(cameras, seen, found.reading)) < written:
+            written = float(np.median(strengths(cameras, seen)))
+            if np.median(strengths(*apply_reading(cameras, seen, found.reading))) < written:
                 as_written, agrees = Reading.as_written(len(cameras)), written >= LEAST_STRENGTH
                 return replace(found, reading=as_written, applied=(), agrees=agrees)
         return found
