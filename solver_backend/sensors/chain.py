@@ -10,6 +10,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from types import MappingProxyType
@@ -192,6 +193,19 @@ class LiveMoment:
     seen: tuple[SensorSightings, ...] = ()
 
 
+def _start(process: Any) -> None:
+    """Start a process that Ctrl-C cannot interrupt while it loads its libraries. Blocked signals are inherited."""
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        process.start()
+        return
+    resource_tracker.ensure_running()  # its start unblocks the signals
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 class MarkerChain:
     """Locates, fuses and tracks markers with one process per sensor. Use it as a context manager.
 
@@ -232,7 +246,7 @@ class MarkerChain:
         for index, task in enumerate(self._tasks):
             here, there = context.Pipe()
             process = context.Process(target=run_sensor, args=(task, there), daemon=True)
-            process.start()
+            _start(process)
             there.close()
             self._open[here] = index
             self._processes.append(process)

@@ -283,3 +283,14 @@ def test_statistics_do_not_grow() -> None:
         statistics.add(0.01, 53, k / 60)
     assert statistics.summary()["fps"] == 60.0 and statistics.summary()["latency_p99_ms"] == 10.0
     assert len(statistics._latency_ms) == KEPT
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="Signal masks are read from /proc.")
+def test_ctrl_c_cannot_interrupt_a_sensor_that_loads_its_libraries(recording: Path) -> None:
+    folder = open_folder(recording)
+    tasks = [SensorTask(replace(device, repeat=True), CAMERAS) for device in folder.devices]
+    with MarkerChain(tasks, folder.fps) as chain:
+        states = [Path(f"/proc/{process.pid}/status").read_text("utf-8") for process in chain._processes]
+    blocked = [int(line.split()[1], 16) for state in states for line in state.splitlines() if line.startswith("SigBlk")]
+    assert len(blocked) == len(CAMERAS) and all(mask >> (signal.SIGINT - 1) & 1 for mask in blocked)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
