@@ -158,6 +158,12 @@ def openpose_lines(root: Path) -> None:
         write_lines(root / f"{name}.jsonl", *(_openpose(c, f) for f in range(FRAMES)))
 
 
+def openpose_in_one_folder(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        for f in range(FRAMES):
+            write_lines(root / f"{name}_{f:012d}_keypoints.json", _openpose(c, f))
+
+
 def openpose_list(root: Path) -> None:
     for c, name in enumerate(CAMERAS):
         write_lines(root / f"{name}.json", [_openpose(c, f) for f in range(FRAMES)])

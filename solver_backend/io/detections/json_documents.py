@@ -323,21 +323,20 @@ def line_files(folder: Path) -> list[Path]:
 
 
 def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
-    """Group the files in a folder by camera, or return {} if their names lack a camera or a frame number.
+    """Group the files in a folder by camera, or return {} if most names lack a camera or a frame number.
 
     The camera name comes before or after the frame number. Every camera needs at least two files. A single camera is
-    accepted if its first file is an OpenPose document.
+    accepted if its first file is an OpenPose document. Other files, such as a calibration, are skipped.
     """
     for pattern in (_FLAT, _FLAT_NUMBER_FIRST):
         cameras: dict[str, list[Path]] = {}
         for path in paths:
-            if (found := pattern.fullmatch(path.stem)) is None:
-                break
-            cameras.setdefault(found["camera"].rstrip("_-. "), []).append(path)
-        else:
-            several = bool(cameras) and min(map(len, cameras.values())) > 1
-            if several and (len(cameras) > 1 or _shows_openpose(paths[0])):
-                return cameras
+            if (found := pattern.fullmatch(path.stem)) is not None:
+                cameras.setdefault(found["camera"].rstrip("_-. "), []).append(path)
+        files = [path for of_camera in cameras.values() for path in of_camera]
+        several = 2 * len(files) > len(paths) and min(map(len, cameras.values())) > 1
+        if several and (len(cameras) > 1 or _shows_openpose(files[0])):
+            return cameras
     return {}
 
 

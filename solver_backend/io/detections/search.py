@@ -181,10 +181,11 @@ def _camera_files(parent: Path) -> dict[str, CameraSource]:
         if readers:
             return {name: CameraSource(files[0], reader) for name, reader in readers.items()}
         return {kind.camera(path): CameraSource(path, partial(kind.read, path)) for path in files}
-    paths = json_files(parent) or line_files(parent)
-    if not 0 < len(paths) <= _MOST_CAMERAS or cameras_of_flat_files(paths) or not _is_whole_take(paths[0]):
+    paths = [*json_files(parent), *line_files(parent)]
+    if len(paths) > _MOST_CAMERAS or cameras_of_flat_files(paths):
         return {}
-    if len(paths) > 1:
+    paths = [path for path in paths if _is_whole_take(path)]  # other files are calibrations or settings
+    if len(paths) != 1:
         return {camera_name(path.stem): CameraSource(path, partial(_take_of_camera, path)) for path in paths}
     names = cameras_in_document(documents_in(read_text(paths[0]), paths[0]))
     cameras = {name: name for name in names} or {camera_name(paths[0].stem): ""}
@@ -200,7 +201,7 @@ def _is_whole_take(path: Path) -> bool:
     try:
         return _PERHAPS.search(head) is not None and is_take(documents_in(read_text(path), path))
     except MocapError:
-        return False
+        return True  # the reader reports the damage
 
 
 def _take_of_camera(path: Path, camera: str = "") -> CameraFrames:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ from solver_backend.io.load import load_capture
 from solver_backend.io.recognition.confidence import in_pixels
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import JointSet
-from tests.support.calibration_files import toml_text
+from tests.support.calibration_files import json_text, toml_text
+from tests.support.camera_ring import ring
 from tests.support.other_programs import (
     CAMERAS,
     COCO,
@@ -28,6 +30,8 @@ from tests.support.other_programs import (
     WRITERS,
     coco_of_all_cameras,
     instance,
+    openpose_in_one_folder,
+    openpose_list,
     own_table,
     write_lines,
     write_table,
@@ -45,6 +49,26 @@ def test_what_a_program_writes_comes_back(write: Callable[[Path], None], tmp_pat
     np.testing.assert_allclose(found.xy[:, :, 0], POINTS[..., :2], rtol=1e-6)
     if write is not coco_of_all_cameras:  # whose third number is a visibility
         np.testing.assert_allclose(found.confidence[:, :, 0], POINTS[..., 2], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["calibration.json", "cameras.json"])
+@pytest.mark.parametrize("layout", ["list", "dict"])
+@pytest.mark.parametrize("write", [*WRITERS, openpose_in_one_folder], ids=lambda write: write.__name__)
+def test_a_calibration_beside_the_detections_is_no_camera(
+    write: Callable[[Path], None], layout: str, name: str, tmp_path: Path
+) -> None:
+    write(tmp_path)
+    cameras = replace(ring(3), names=CAMERAS)
+    (tmp_path / name).write_text(json_text(cameras, layout))
+    assert tuple(camera_sources(tmp_path)) == CAMERAS
+
+
+def test_a_damaged_file_of_a_camera_is_reported(tmp_path: Path) -> None:
+    openpose_list(tmp_path)
+    path = tmp_path / "cam02.json"
+    path.write_text(path.read_text()[:-20])
+    with pytest.raises(FileDamaged, match="cam02|JSON"):
+        read_detections(camera_sources(tmp_path))
 
 
 @pytest.mark.parametrize("place", ["alphapose-results.json", "predictions/walk.json"])
