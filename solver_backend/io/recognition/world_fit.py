@@ -55,12 +55,14 @@ class WorldCheck:
     points: np.ndarray  # (F, K, 3) keypoints in the sampled frames, metres.
     joint_set: JointSet  # Joint set of the keypoints.
     fps: float  # Frame rate of the sampled frames.
+    R: np.ndarray  # (C, 3, 3) rotations of the cameras.
     residual_px: float = float("nan")  # Median reprojection error in pixels.
     off_px: tuple[float, ...] = ()
     """Length in pixels of the median vector from the other cameras' prediction to each camera's keypoints."""
     person_px: tuple[float, ...] = ()  # Size of the person in each view in pixels.
     views: tuple[str, ...] = ()  # Names of the cameras.
     apart: float = np.pi / 2  # Angle between the directions from the person to two cameras, radians.
+    rolls: Sequence[int] = ()  # Quarter turns from the calibrated to the recorded images.
 
     @cached_property
     def stature_m(self) -> float:
@@ -105,16 +107,22 @@ class WorldCheck:
     def up_axis(self) -> str:
         """Return the axis along the standing person, such as '-y'. Return 'z' if no axis is clear."""
         axis = int(np.argmax(np.abs(np.nan_to_num(self.upright))))
-        value = float(self.upright[axis])
-        clear = abs(value) > LEAST_UPRIGHT and self._is_possible
-        return ("-" if value < 0 else "") + "xyz"[axis] if clear else "z"
+        name = ("-" if self.upright[axis] < 0 else "") + "xyz"[axis]
+        up = rotation_to_z_up(name)[2]  # A person along it is lying if the cameras are level in the present world.
+        lies = roll_gain(self.least_rolled(up), up) <= -BOUND
+        return name if abs(self.upright[axis]) > LEAST_UPRIGHT and self._is_possible and not lies else "z"
+
+    def least_rolled(self, up: np.ndarray) -> np.ndarray:
+        """Return the camera rotations for the recorded or for the calibrated images, whichever roll less."""
+        both = (self.R, unrolled(self.R, self.rolls)) if any(self.rolls) and np.isfinite(up).all() else (self.R,)
+        return max(both, key=lambda rotations: roll_gain(rotations, up))
 
 
-def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
+def check_world(cameras: Cameras, keypoints: Keypoints2D, rolls: Sequence[int] = ()) -> WorldCheck:
     """Triangulate a person in up to ``FRAMES`` frames, and measure the result. One view gives no measurements."""
     if len(cameras) == 1:
         nowhere = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan)
-        return WorldCheck(nowhere, keypoints.joint_set, keypoints.fps)
+        return WorldCheck(nowhere, keypoints.joint_set, keypoints.fps, cameras.R)
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, FRAMES).round().astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
     found = triangulate(cameras, xy, confidence)
@@ -129,11 +137,13 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
         points,
         keypoints.joint_set,
         keypoints.fps * len(frames) / keypoints.num_frames,
+        cameras.R,
         residual_px=float(quantile(np.asarray(found.residual_px).ravel(), 0.5, axis=0)),
         off_px=tuple(np.linalg.norm(quantile(shift, 0.5, axis=(1, 2)), axis=-1).tolist()),
         person_px=tuple(person_size(np.where((confidence > 0)[..., None], xy, np.nan)).tolist()),
         views=cameras.names,
         apart=apart,
+        rolls=rolls,
     )
 
 
@@ -219,24 +229,20 @@ def fit_world(
     if settings.camera_path:
         hint = "Omit --camera-path, or solve the moving camera separately."
         raise JobInvalid("A camera path can only be used with one camera.", where=settings.camera_path, hint=hint)
-    world = check_world(cameras, keypoints)
+    world = check_world(cameras, keypoints, rolls)
     axis, problems = world.up_axis(), ()
-    up = rotation_to_z_up(axis)[2]  # A person along it is lying if the cameras are level in the present world.
-    lies = roll_gain(_least_rolled(cameras.R, rolls, up), up) <= -BOUND
-    if up_axis is None and axis != "z" and settings.level != OFF and not lies:
+    if up_axis is None and axis != "z" and settings.level != OFF:
         cameras, world = _moved(cameras, world, rotation_to_z_up(axis))
         problems = (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
-    cameras, world, found = _level(cameras, world, settings.level, rolls)
+    cameras, world, found = _level(cameras, world, settings.level)
     return WorldFit(cameras, world, (*problems, *found))
 
 
-def _level(
-    cameras: Cameras, world: WorldCheck, how: str, rolls: Sequence[int]
-) -> tuple[Cameras, WorldCheck, tuple[Diagnostic, ...]]:
+def _level(cameras: Cameras, world: WorldCheck, how: str) -> tuple[Cameras, WorldCheck, tuple[Diagnostic, ...]]:
     if how == OFF:
         return cameras, world, ()
     try:
-        level = measure_level(world.points, world.joint_set, _least_rolled(cameras.R, rolls, world.upright), world.fps)
+        level = measure_level(world.points, world.joint_set, world.least_rolled(world.upright), world.fps)
     except NoDetections:
         if how == AUTO:
             return cameras, world, ()
@@ -253,16 +259,10 @@ def _level(
     return cameras, world, ()
 
 
-def _least_rolled(R: np.ndarray, rolls: Sequence[int], up: np.ndarray) -> np.ndarray:
-    """Return the camera rotations for the recorded or for the calibrated images, whichever roll less."""
-    both = (R, unrolled(R, rolls)) if any(rolls) and np.isfinite(up).all() else (R,)
-    return max(both, key=lambda rotations: roll_gain(rotations, up))
-
-
 def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:
     """Transform the cameras and the person to the world ``x' = turn x - (0, 0, floor)``."""
     R = cameras.R @ turn.T
-    world = replace(world, points=world.points @ turn.T - (0.0, 0.0, floor_m))
+    world = replace(world, points=world.points @ turn.T - (0.0, 0.0, floor_m), R=R)
     return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world
 
 

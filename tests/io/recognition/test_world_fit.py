@@ -20,7 +20,7 @@ from solver_backend.io.recognition.world_fit import check_world, find_people, fi
 from solver_backend.io.units_and_axes import UP_AXES, rotation_to_z_up
 from solver_backend.synthesis.embedded.demo import DEMO_TAKE, demo_capture
 from solver_backend.synthesis.simulation.cast import cast_person
-from solver_backend.types import Cameras, Capture, JointSet
+from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D
 from tests.support.camera_ring import ring
 from tests.support.recordings import BALANCING_TRIAL
 from tests.support.walking_take import circling
@@ -143,6 +143,16 @@ def test_who_climbs_or_lies_tilts_no_world(walked: np.ndarray, stand, rolls: flo
     roll = exp_so3(np.stack([np.zeros(4), np.zeros(4), np.radians(rolls) * rng.normal(size=4)], axis=1))
     level = measure_level(stand(walked), SET, roll @ cameras.R, 30.0)
     assert not level.is_tilted and not level.is_above_feet
+
+
+@pytest.mark.parametrize("up_axis", [None, "z"])
+def test_who_lies_in_front_of_level_cameras_does_not_show_another_axis(walked: np.ndarray, up_axis: str | None) -> None:
+    cameras, points = ring(4), lying(walked, 0.0)
+    keypoints = Keypoints2D(project(cameras, points), np.ones((4, *points.shape[:2])), SET, 30.0)
+    fit = fit_world(cameras, keypoints, up_axis=up_axis)
+    assert fit.cameras is cameras and fit.found == ()
+    assert check_world(cameras, keypoints).found() == fit.check.found()
+    assert [item.code for item in fit.check.found()] == ["person_triangulated"]
 
 
 def test_a_slope_tilts_no_world_of_cameras_that_roll(walked: np.ndarray) -> None:
