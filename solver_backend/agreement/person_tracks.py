@@ -250,10 +250,10 @@ def _joined(
     begins = [frozenset().union(*(in_views[row] for row in rows[:5])) for rows in tracklets]
     shared = np.array([[len(a & b) for b in begins] for a in ends])
     later = (first[None, :] > first[:, None]) & (last[None, :] > last[:, None])
-    follows = later & (fps * absence_s > -STRIDE)  # pieces overlap by few frames after wrongly paired detections
+    follows = later & (absence_s > -np.where(shared > 0, BRIDGE_S, STRIDE / fps))  # pieces of wrongly paired detections
     possible = follows & (cost < np.where(shared > 0, 3.0, 1.0))
-    # The last term prefers the shorter absence among near candidates.
-    total = cost - 3.0 * shared + 0.1 * np.log1p(np.maximum(absence_s, 0.0))
+    # A common track shows who it is, so the distance does not count. The last term prefers the shorter absence.
+    total = np.where(shared > 0, 0.0, cost) - 3.0 * shared + 0.1 * np.log1p(np.maximum(absence_s, 0.0))
     before, after = np.nonzero(possible)
     chain = _chained(len(tracklets), before, after, total[possible])
     return [np.concatenate([tracklets[i] for i in np.flatnonzero(chain == start)]) for start in np.unique(chain)]

@@ -9,7 +9,7 @@ import pytest
 
 from research.simulation import bad_input
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
-from solver_backend.agreement.person_tracks import PeopleInSpace, assigned_exclusively, view_tracks
+from solver_backend.agreement.person_tracks import PeopleInSpace, assigned_exclusively, persons, view_tracks
 from solver_backend.agreement.reading import sightings
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
@@ -211,6 +211,41 @@ def test_all_zero_confidences_and_single_views_are_errors() -> None:
     detections.confidence[:] = 0
     with pytest.raises(NoDetections, match="All confidences are zero"):
         select_people(cameras, detections, 30.0)[0]
+
+
+def _in_space(frames: list[int], members: list[list[int]], places: np.ndarray) -> PeopleInSpace:
+    points = np.repeat(places[:, None], 5, axis=1)
+    return PeopleInSpace(np.array(frames), np.array(members), points, np.full(len(frames), 1.9))
+
+
+def test_a_person_whom_one_view_follows_throughout_is_one_though_other_keypoints_come_into_the_picture() -> None:
+    """A person walks to the edge of a picture twice. Its keypoints are seen from the legs up, or from the head down."""
+    frames = [f for f in range(150) if f not in (50, 100)]
+    people = _in_space(frames, [[0, 0]] * 148, np.array([[0.0, 0.0, 1.1 - 0.6 * (f % 50) / 49] for f in frames]))
+    tracks = np.stack([np.zeros(150, int), 1 + np.arange(150) // 50])[..., None]
+    found = persons(people, tracks, 60.0)
+    assert [len(rows) for rows in found] == [148]
+
+
+def test_a_person_whose_views_agree_in_changing_pairs_for_a_while_stays_one() -> None:
+    """Three views, of which the first and the last place the person 0.6 m apart from frame 40 on."""
+    groups = [
+        ([0, 0, -1], 0.0) if 40 <= f < 50 and f % 2 else ([-1, 0, 0] if f >= 40 else [0, 0, 0], 0.6 * (f >= 40))
+        for f in range(100)
+    ]
+    people = _in_space(list(range(100)), [views for views, _ in groups], np.array([[x, 0.0, 1.0] for _, x in groups]))
+    found = persons(people, np.repeat(np.arange(3)[:, None], 100, axis=1)[..., None], 30.0)
+    assert [len(rows) for rows in found] == [100]
+
+
+def test_a_person_whom_one_view_alone_sees_is_nobody_else() -> None:
+    cameras, frames = ring_of_cameras(2), 60
+    scene = Scene(cameras)
+    seen = np.ones((2, frames), bool)
+    seen[1, 20:40] = False
+    scene.add(walker(COCO, frames, (-0.5, 0.0), (0.4, 0.1)), seen)
+    found = select_people(cameras, scene.detections()[0], 30.0)
+    assert [note.code for note in found[0].notes] == ["person_chosen"]
 
 
 def test_tracks_of_a_view_end_where_two_people_cannot_be_told_apart() -> None:
