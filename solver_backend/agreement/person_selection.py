@@ -260,7 +260,7 @@ def _report(
     views, seen = views_of(people[0]), len(np.unique(space.frame[people[0]]))
     chosen = {"views": views, "cameras_count": len(cameras), "seen": seen, "of": detections.num_frames}
     notes, problems = [diagnostic("person_chosen", basis="views", **chosen)], list[Diagnostic]()
-    dropped = detections.people() - accepted.sum(-1)
+    dropped = (detections.people() - accepted.sum(-1)) * (accepted.any(-1).sum(0) > 1)  # one view locates nobody
     if dropped.any():
         counts = zip(cameras.names, (dropped > 0).sum(1), strict=True)
         notes.append(diagnostic("people_left_out", shares=[f"{name} in {n} frames" for name, n in counts if n]))
