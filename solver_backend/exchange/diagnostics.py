@@ -57,7 +57,7 @@ class DiagnosticEntry:
     text: str  # Sentence without full stop, with parameters in braces.
     cause: str = ""  # The usual cause, or empty if the text states it.
     remedy: str = ""  # Advice, or empty if nothing needs to be done.
-    role: str = ""  # Role in camera faults: "explains", "doubts", "compares" or "compares all".
+    role: str = ""  # Role in camera faults: "explains", "unknown", "doubts", "compares" or "compares all".
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Texts that replace parameter values, by parameter and value. They may contain parameters."""
 

@@ -352,22 +352,24 @@ def without_explained(
 ) -> Iterator[Diagnostic]:
     """Remove the reader's warnings about cameras that the solve has corrected.
 
-    In warnings that compare cameras, only the corrected cameras are removed. If too few cameras remain, the warning is
-    removed. If a capture is given, the focal lengths of the remaining cameras are compared again.
+    The corrections must cover most of the take. A fault of unknown cause is explained by any correction. In warnings
+    that compare cameras, only the corrected cameras are removed. If too few cameras remain, the warning is removed. If
+    a capture is given, the focal lengths of the remaining cameras are compared again.
     """
     found, table = tuple(found), load_table()
     roles = {item.code: entry.role for item in found if (entry := table.get(item.code))}
-    explained = {
-        camera
+    repaired = {
+        camera: sum(last - first + 1 for first, last in item.where.frames)
         for item in found
         if roles.get(item.code) == "explains" and item.remedy is Remedy.REPAIRED
-        if sum(last - first + 1 for first, last in item.where.frames) >= MOST_FRAMES * num_frames
         for camera in item.where.cameras
     }
+    explained = {camera for camera, frames in repaired.items() if frames >= MOST_FRAMES * num_frames}
     cameras = None if capture is None or not explained else capture.cameras
     others = None if cameras is None else [c for c, name in enumerate(cameras.names) if name not in explained]
     for item in found:
-        role, named = roles.get(item.code), [name for name in item.where.cameras if name not in explained]
+        role = roles.get(item.code)
+        named = [name for name in item.where.cameras if name not in (repaired if role == "unknown" else explained)]
         if role == "compares all" and others is not None and cameras is not None:
             if capture is not None and capture.keypoints is not None and len(others) > 1:
                 again = report_lenses(cameras.subset(others), capture.keypoints.views(others))
@@ -377,7 +379,7 @@ def without_explained(
                 known = item.values.get("shifts")
                 shifts = {name: known[name] for name in named if isinstance(known, dict) and name in known}
                 yield replace(item, where=replace(item.where, cameras=tuple(named)), values={"shifts": shifts})
-        elif role != "doubts" or len(named) == len(item.where.cameras):
+        elif role not in ("doubts", "unknown") or len(named) == len(item.where.cameras):
             yield item
 
 

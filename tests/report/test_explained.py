@@ -51,3 +51,11 @@ def test_what_was_compared_with_a_corrected_camera_is_no_doubt_of_the_others() -
 )
 def test_what_is_not_corrected_throughout_is_still_doubted(item: Diagnostic) -> None:
     assert list(without_explained([*DOUBTS, item], 100)) == [*DOUBTS, item]
+
+
+def test_a_camera_that_moved_during_the_take_has_no_unknown_fault() -> None:
+    unknown = diagnostic("camera_unexplained", cameras=["cam03"])
+    moved = diagnostic("camera_turned", cameras=["cam03"], frames=[(50, 99)], remedy=Remedy.REPAIRED, size=10.0)
+    assert list(without_explained([unknown, moved], 100)) == [moved]
+    other = diagnostic("camera_unexplained", cameras=["cam01"])
+    assert list(without_explained([other, moved], 100)) == [other, moved]
