@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from solver_backend.agreement.reading import MIN_CONFIDENCE
 from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
 from solver_backend.agreement.starts import as_numbered
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
-from solver_backend.exchange.errors import CalibrationMissing, NoDetections
+from solver_backend.exchange.errors import CalibrationMissing, CaptureInvalid, NoDetections
 from solver_backend.exchange.reading_settings import DEFAULTS, ON, calibrated_names
 from solver_backend.exchange.solve_settings import SYNC_OFF
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
@@ -56,7 +57,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 
     @cache
     def read() -> Detections:
-        return read_detections(
+        detections = read_detections(
             sources,
             joint_set=options.joint_set,
             configured=config.joint_set,
@@ -66,6 +67,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
             own=find_own_keypoints(levels),
             progress=options.progress,
         )
+        _require_different(detections, root)
+        return detections
 
     footage = find_footage(levels[:2], tuple(sources))
     videos = [read_video_header(path) for path in footage]
@@ -139,6 +142,21 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         world_checked=True,
     )
     return capture if options.frames is not None else _configured_frames(capture, config)
+
+
+def _require_different(detections: Detections, root: Path) -> None:
+    """Refuse copies of another camera's detections, because two cameras never see exactly the same.
+
+    Raises:
+        CaptureInvalid: two cameras have equal detections of at least one person.
+    """
+    (xy, confidence), names = (detections.xy, detections.confidence), detections.cameras
+    for a, b in combinations(range(len(names)), 2):
+        same = np.array_equal(confidence[a], confidence[b]) and np.array_equal(xy[a], xy[b], equal_nan=True)
+        if same and confidence[a].any():
+            what = f"Cameras {names[a]} and {names[b]} have exactly the same detections."
+            hint = "Export the detections of both cameras again, or move one of their folders out of the recording."
+            raise CaptureInvalid(what, where=str(root), hint=hint)
 
 
 def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | None) -> Calibration:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, JointSet
@@ -168,6 +168,17 @@ def test_cameras_in_one_place_are_refused_by_name(tmp_path: Path) -> None:
     write_trial(tmp_path, cameras=cameras, people=people, names=NAMES, calibrated=NAMES)
     with pytest.raises(CalibrationInvalid, match="All cameras are at one point"):
         load_capture(tmp_path)
+
+
+def test_detections_copied_from_another_camera_are_refused_by_name(tmp_path: Path) -> None:
+    xy, confidence = KEYPOINTS.xy[:, :30].copy(), KEYPOINTS.confidence[:, :30].copy()
+    confidence[2:] = 0.0  # two views of nobody are no copies
+    write_trial(tmp_path / "nobody", cameras=CAMERAS, people=[(xy, confidence)], names=NAMES, calibrated=NAMES)
+    load_capture(tmp_path / "nobody")
+    xy[3], confidence[3] = xy[1], confidence[1]
+    write_trial(tmp_path / "copied", cameras=CAMERAS, people=[(xy, confidence)], names=NAMES, calibrated=NAMES)
+    with pytest.raises(CaptureInvalid, match=f"Cameras {NAMES[1]} and {NAMES[3]} have exactly the same detections"):
+        load_capture(tmp_path / "copied")
 
 
 @pytest.mark.slow
