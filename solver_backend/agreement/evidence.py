@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,10 @@ from solver_backend.agreement.reading import (
     PictureReading,
     Pose,
     Reading,
+    extent,
     main_person,
     sample,
+    sightings,
     unmirror,
     unturn,
 )
@@ -141,14 +144,13 @@ class TakeEvidence:
     """Epipolar distances between views, for any interpretation of a take's files. Results of pairs are cached."""
 
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
-        """Choose the frames of C views to compare. Only the largest person in each image is compared."""
-        self.cameras, self.joint_set = cameras, detections.joint_set
-        names = detections.joint_set.keypoints
+        """Choose the frames of C views to compare. Only one person in each image is compared."""
+        self.cameras, names = cameras, detections.joint_set.keypoints
         wanted = {"nose", *(f"{side}_{part}" for part in _BODY[1:] for side in ("left", "right"))}
         columns = np.array([k for k, name in enumerate(names) if name in wanted], int)
         self.names = [names[k] for k in columns]
         self._mirror = [self.names.index(names[detections.joint_set.mirrored()[k]]) for k in columns]
-        self._xy = main_person(detections, every_keypoint=True)[..., columns, :]
+        self._xy = main_person(keep_shared(cameras, detections), every_keypoint=True)[..., columns, :]
         self.views, self.num_frames = self._xy.shape[:2]
         self.person_px = person_size(self._xy)
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
@@ -364,6 +366,31 @@ def epipolar_distances(
         return np.einsum("...c,...c", rays_b, line_b) / np.sqrt(square_b * size_b**2 + square_a * size_a**2 + 1e-18)
 
 
+def keep_shared(cameras: Cameras, detections: Detections) -> Detections:
+    """Keep one detection in each image with a person on whom ``LEAST_CAMERAS`` views, or both views, agree.
+
+    If there are several such people, all views keep the one who is largest in all of them, relative to other people.
+    """
+    views, people = range(len(detections.cameras)), range(detections.xy.shape[2])
+    if len(people) == 1:
+        return detections
+    xy = sightings(cameras.subset(list(views)), detections).xy
+    rays, extents = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1), np.nan_to_num(extent(xy))[..., None]
+    size = extents[..., 0] / np.maximum(extents.max(2), 1e-9)
+    matches, total = np.zeros(size.shape, int), size.copy()
+    for (i, j), p, q in product(compared_pairs(len(views), EACH, NEIGHBOURS), people, people):
+        (at,) = np.nonzero((size[i, :, p] > 0) & (size[j, :, q] > 0))
+        one, other, a, b = (i, at, p), (j, at, q), (cameras.R[i], cameras.t[i]), (cameras.R[j], cameras.t[j])
+        off = epipolar_distances(a, b, rays[one], extents[one], rays[other], extents[other])
+        alike = quantile(np.abs(off), 0.5, -1) < MOVED
+        for own, match in ((one, other), (other, one)):
+            matches[own] += alike
+            total[own] += alike * size[match]
+    total[matches < min(LEAST_CAMERAS, len(views)) - 1] = 0.0
+    kept = total == total.max(-1, keepdims=True)  # everybody if no person is shared
+    return replace(detections, confidence=np.where(kept[..., None], detections.confidence, 0.0))
+
+
 def agreement_share(cameras: Cameras, detections: Detections) -> float:
     """Return the share of keypoints that agree between the views, 0 if nothing can be compared."""
     evidence = TakeEvidence(cameras, detections)
@@ -395,8 +422,12 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
     if not len(frames):
         return frames, frames
     frames = frames[sample(len(frames), FRAMES)]
-    points = xy[:, frames] / person_px[:, None, None, None]
-    apart = _pose_distances(points)
+    views = []
+    for view in xy[:, frames] / person_px[:, None, None, None]:
+        gap = np.linalg.norm(view[:, None] - view[None], axis=-1)
+        enough = np.isfinite(gap).sum(-1) >= MIN_POINTS
+        views.append(np.where(enough, quantile(gap, 0.5, -1, "lower"), np.nan))
+    apart = np.nan_to_num(quantile(np.stack(views), 0.5, 0, "lower"), nan=9.0)  # also if no view shows both
     return frames, group_poses(apart, POSES)
 
 
@@ -414,13 +445,3 @@ def group_poses(apart: np.ndarray, most: int) -> np.ndarray:
         if len(kept) <= most:
             return apart[:, kept].argmin(1)
         least *= 1.25
-
-
-def _pose_distances(points: np.ndarray) -> np.ndarray:
-    """Return the distances (P, P) between poses in person sizes. Poses without a common view have 9."""
-    views = []
-    for view in points:
-        gap = np.linalg.norm(view[:, None] - view[None], axis=-1)
-        enough = np.isfinite(gap).sum(-1) >= MIN_POINTS
-        views.append(np.where(enough, quantile(gap, 0.5, -1, "lower"), np.nan))
-    return np.nan_to_num(quantile(np.stack(views), 0.5, 0, "lower"), nan=9.0)

@@ -128,7 +128,7 @@ class _Search:
         self.scout = self.quick.quick(2 * BEAM)
         self.is_whole = rows is ROWS  # True for a whole take, with the conventions of its files.
         self.rows = [row for row in rows if not (names_stated and row is exchange_names)]
-        self.is_alone = is_alone  # Among several people the largest one may differ between views.
+        self.is_alone = is_alone  # Among several people, a camera with a fault may show another one.
         self.constraints = self.quick.comparisons()
         self.effect: float | None = None  # Bone lengths per independent one, for the most likely interpretation.
         self._proposed: dict[tuple[Row, Reading], list[Reading]] = {}
@@ -178,7 +178,8 @@ class _Search:
         starts = dict.fromkeys([best, self.written]) if everybody else ()
         free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
         rows: list[Row] = [windows] if everybody and self._rank([best, *free])[0] != best else []
-        rows += [one_window] if self.is_alone and not best.is_uniform else []
+        is_uniform = len({*zip(best.pictures, best.sides, strict=True)}) == 1 and not best.is_of_one_camera
+        rows += [one_window] if self.is_alone and not is_uniform else []
         shown = self._propose(rows, dict.fromkeys([common, self.written]))
         return self._rank(shown, self.scout)[:BEAM]
 

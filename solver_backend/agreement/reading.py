@@ -141,11 +141,6 @@ class Reading:
         """Return whether a pose or an image crop was fitted to the detections."""
         return any(self.moved) or any(picture.window != AS_CALIBRATED for picture in self.pictures)
 
-    @property
-    def is_uniform(self) -> bool:
-        """Return whether all views have the same corrections, apart from exchanged names."""
-        return len(set(zip(self.pictures, self.sides, strict=True))) == 1 and not self.is_of_one_camera
-
     def common(self) -> tuple[PictureReading, bool]:
         """Return the image interpretation, and whether sides are swapped, that most views have."""
         return Counter(zip(self.pictures, self.sides, strict=True)).most_common(1)[0][0]

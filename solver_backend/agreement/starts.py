@@ -69,7 +69,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     return CameraStarts(np.where(sure, best[first] + exact - exact[first], numbered), StartEvidence.APART, doubtful)
 
 
-def strengths(cameras: Cameras, detections: Detections) -> np.ndarray:
+def _strengths(cameras: Cameras, detections: Detections) -> np.ndarray:
     """Return how strongly a few frames of each camera match at the best offsets (see ``PeopleLags.strengths``)."""
     step = max(1, -(-detections.num_frames // SAMPLED_FRAMES))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
@@ -84,7 +84,7 @@ def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None
         return None
     readings = [replace(written, pictures=(PictureReading(*kind),) * count) for kind in product(FACTORS, TURNS)]
     readings += [replace(written, pose=pose, graphics=axes) for pose, axes in product(POSES, (False, True))]
-    found = {r: np.median(strengths(*apply_reading(cameras, detections, r))) for r in dict.fromkeys(readings)}
+    found = {r: np.median(_strengths(*apply_reading(cameras, detections, r))) for r in dict.fromkeys(readings)}
     best = max(found, key=lambda reading: found[reading])
     rivals = [found[reading] for reading in found if _differ(reading, best)]
     clear = found[best] >= LEAST_STRENGTH and max(rivals) < RIVAL_SHARE * found[best]
@@ -188,6 +188,6 @@ def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> 
     """
     if (rates == 1).all():
         return False
-    tried = (strengths(cameras, rows) for rows in (at_one_rate(detections, rates), detections))
+    tried = (_strengths(cameras, rows) for rows in (at_one_rate(detections, rates), detections))
     then, now = (min(float(np.median(found[rates == rate])) for rate in set(rates.tolist())) for found in tried)
     return then >= LEAST_STRENGTH and now < RIVAL_SHARE * then

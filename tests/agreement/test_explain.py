@@ -149,6 +149,16 @@ def test_cropped_pictures_of_a_person_and_a_bystander() -> None:
     np.testing.assert_allclose(found.reading.pictures[0].window, (1.0, -300 / 1080, 0.0), atol=0.012)
 
 
+@pytest.mark.parametrize("views", [(1,), (1, 2)])
+def test_a_larger_bystander_in_some_views_is_no_fault(views: tuple[int, ...]) -> None:
+    alone = detections()
+    xy = np.concatenate([1.5 * alone.xy[:, ::-1] - [300, 400], alone.xy], axis=2)
+    sure = np.concatenate([alone.confidence[:, ::-1], alone.confidence], axis=2)
+    sure[[view for view in EVERY if view not in views], :, 0] = 0.0
+    found = explain(CAMERAS, replace(alone, xy=np.where(sure[..., None] > 0, xy, np.nan), confidence=sure))
+    assert (found.reading, found.agrees, found.applied, found.open) == (WRITTEN, True, (), ())
+
+
 def test_fits_of_pictures_change_nothing_that_agrees() -> None:
     """The views' own pictures remain, and no sentence would name a change by less than 1 %."""
     xy = project(CAMERAS, DEMO.truth["keypoints3d"][FRAMES])

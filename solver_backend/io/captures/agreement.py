@@ -10,7 +10,6 @@ import numpy as np
 
 from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.hypotheses import diagnose_views
-from solver_backend.agreement.lags import LEAST_STRENGTH
 from solver_backend.agreement.reading import Reading, apply_reading, unturn
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.agreement.starts import (
@@ -24,7 +23,6 @@ from solver_backend.agreement.starts import (
     rates_by_length,
     rates_match,
     read_out_of_step,
-    strengths,
 )
 from solver_backend.agreement.synchronisation import reach_frames, synchronised
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, notes_in, warnings_in, word
@@ -214,15 +212,8 @@ class Agreeing:
         return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
 
     def explained(self, options: ReadOptions) -> Explanation:
-        """Find the interpretation that fits each view's largest person, unless all people agree less with it."""
-        cameras, seen = self.in_file(options), self.detections
-        found = explain(cameras, seen, names_stated=bool(options.camera or options.offset))
-        if found.changed and (seen.people() > 1).any():  # the largest person may differ between the views
-            written = float(np.median(strengths(cameras, seen)))
-            if np.median(strengths(*apply_reading(cameras, seen, found.reading))) < written:
-                as_written, agrees = Reading.as_written(len(cameras)), written >= LEAST_STRENGTH
-                return replace(found, reading=as_written, applied=(), agrees=agrees)
-        return found
+        """Find the interpretation of the files that fits the person in most views."""
+        return explain(self.in_file(options), self.detections, names_stated=bool(options.camera or options.offset))
 
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> Agreeing:
         """Resample from (C,) relative camera rates to the take's rate. With ``is_open``, that rate is a guess."""

@@ -20,12 +20,8 @@ def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
     """Smooth (N, ...) values with a Gaussian of ``sigma`` samples. Values with mostly unknown neighbours are NaN."""
     reach = max(round(3 * sigma), 1)
     kernel, known = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2), np.isfinite(values)
-
-    def total_near(row: np.ndarray) -> np.ndarray:
-        return np.convolve(row, kernel)[reach : reach + len(row)]
-
     parts = np.where(known, values, 0.0), known.astype(float)
-    total, share = (np.apply_along_axis(total_near, 0, part) for part in parts)
+    total, share = (np.apply_along_axis(lambda row: np.convolve(row, kernel)[reach:-reach], 0, p) for p in parts)
     return np.where(share > 0.5 * kernel.sum(), total / np.maximum(share, 1e-9), np.nan)
 
 
