@@ -252,7 +252,7 @@ class _Search:
         """Return the winning interpretation, or the literal one if no other is certain."""
         ranked = self.search()
         likely = list(dict.fromkeys([*ranked[: 2 * BEAM], self.written]))
-        likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
+        likely += [replace(r, sides=tuple(not side for side in r.sides)) for r in (*likely[:4], self.written)]
         if self.is_alone and self.evidence.views > 2:  # All must beat the hypothesis of one bad camera.
             likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
         likely = [reading for reading in dict.fromkeys(likely) if self._fits(reading)]
@@ -298,10 +298,6 @@ def _is_as_quiet(one: Scored, best: Scored) -> bool:
 def _absorbs(cropped: Scored, plain: Scored) -> bool:
     """Return whether a fitted crop of the images only absorbs calibration errors, so that it is no evidence."""
     return cropped.reading.is_cropped and not plain.reading.is_cropped and _is_as_quiet(plain, cropped)
-
-
-def _exchange_sides(reading: Reading) -> Reading:
-    return replace(reading, sides=tuple(not side for side in reading.sides))
 
 
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
