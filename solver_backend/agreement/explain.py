@@ -177,7 +177,8 @@ class _Search:
         everybody = len(self.quick.suspects) == self.quick.views
         starts = dict.fromkeys([best, self.written]) if everybody else ()
         free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
-        rows: list[Row] = [windows] if everybody and self._rank([best, *free])[0] != best else []
+        own, *fitted = self.quick.noise([best, *free]).density.tolist()
+        rows: list[Row] = [windows] if max(fitted, default=own) > own + AS_EXACT else []
         is_uniform = len({*zip(best.pictures, best.sides, strict=True)}) == 1 and not best.is_of_one_camera
         rows += [one_window] if self.is_alone and not is_uniform else []
         shown = self._propose(rows, dict.fromkeys([common, self.written]))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import combinations, product
+from math import log
 from typing import Any
 
 import numpy as np
@@ -170,18 +171,18 @@ def cost_of(reading: Reading, constraints: float) -> float:
     views = len(reading.pictures)
     common, sides = reading.common()
     alone = sides and not common.mirrored  # in mirrored images a detector swaps the sides
-    cost = np.log(8) * ((reading.pose != POSES[0]) + reading.graphics) + BOUND * alone
+    cost = log(8) * ((reading.pose != POSES[0]) + reading.graphics) + BOUND * alone
     cost += _picture_cost(common, PLAIN, constraints)
     for picture, exchanged in zip(reading.pictures, reading.sides, strict=True):
         if (picture, exchanged) != (common, sides):
-            cost += np.log(views) + _picture_cost(picture, common, constraints) + np.log(4) * (exchanged != sides)
+            cost += log(views) + _picture_cost(picture, common, constraints) + log(4) * (exchanged != sides)
     named = sum(owner != view for view, owner in enumerate(reading.owners))
-    cost += (named > 0) * np.log(max(views * (views - 1) // 2, 2)) + max(named - 2, 0) * np.log(max(views, 2))
-    cost += np.count_nonzero(reading.late) * np.log(2 * LONGEST_DELAY * views)
-    cost += len(reading.left_out) * np.log(views)
+    cost += (named > 0) * log(max(views * (views - 1) // 2, 2)) + max(named - 2, 0) * log(max(views, 2))
+    cost += sum(map(bool, reading.late)) * log(2 * LONGEST_DELAY * views)
+    cost += len(reading.left_out) * log(views)
     placed = sum(pose is not None for pose in reading.moved)
     placed += sum(picture.window != common.window for picture in reading.pictures)  # rarer than a moved camera
-    return float(cost + placed * (np.log(views) + 3 * np.log(max(constraints / views, 2.0))))
+    return float(cost + placed * (log(views) + 3 * log(max(constraints / views, 2.0))))
 
 
 @lru_cache(maxsize=4096)
@@ -189,17 +190,17 @@ def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: f
     is_fitted = picture.size not in FACTORS and picture.size != usual.size
     fitted = is_fitted + sum(a != b for a, b in zip(picture.window, usual.window, strict=True))
     # Without the prior, images squeezed to a line or a point explain even random points.
-    apart = [is_fitted * np.log(picture.size / usual.size), np.log(picture.window[0] / usual.window[0])]
+    apart = [is_fitted * log(picture.size / usual.size), log(picture.window[0] / usual.window[0])]
     apart += np.subtract(picture.window[1:], usual.window[1:]).tolist()
     if np.abs(apart).max() > SIGMAS * SPREAD:
         return np.inf
     return float(
         0.5 * np.sum((np.array(apart) / SPREAD) ** 2)
-        + (picture.size != usual.size) * np.log(len(FACTORS))
-        + (picture.turn != usual.turn) * np.log(4)
-        + (picture.mirrored != usual.mirrored) * np.log(4)
-        + (picture.window != usual.window) * np.log(len(FREE))
-        + fitted * 0.5 * np.log(max(constraints, 2.0))
+        + (picture.size != usual.size) * log(len(FACTORS))
+        + (picture.turn != usual.turn) * log(4)
+        + (picture.mirrored != usual.mirrored) * log(4)
+        + (picture.window != usual.window) * log(len(FREE))
+        + fitted * 0.5 * log(max(constraints, 2.0))
     )
 
 
