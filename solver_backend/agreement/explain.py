@@ -158,7 +158,10 @@ class _Search:
         simple = (r for r in common if not r.pictures[0].mirrored and r.correction(0).changes <= 1)
         common += self._propose(named, list(simple))
         alike = self._rank([*self._rank(common, self.scout)[: 4 * BEAM], self.written])
-        found, beam = alike[: 2 * BEAM], list(dict.fromkeys([*alike[:BEAM], self.written]))
+        # A camera with a fault of its own hides the convention on which the other cameras agree.
+        apart = [self._rank([replace(r, left_out=(v,)) for r in common], self.scout)[0] for v in self.quick.suspects]
+        partly = [replace(apart[n], left_out=()) for n in np.flatnonzero(self.quick.noise(apart).is_related)]
+        found, beam = alike[: 2 * BEAM], list(dict.fromkeys([*alike[:BEAM], *partly, self.written]))
         for _ in range(MOST_FAULTS):
             named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOST_FAULTS]
             starts = dict.fromkeys([*beam[:MOST_FAULTS], *named_alike]) if self.is_alone and self.is_whole else ()

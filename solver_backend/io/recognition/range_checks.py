@@ -54,11 +54,14 @@ def checked(capture: Capture) -> Capture:
     return replace(capture, problems=(*capture.problems, *new))
 
 
-def _last_row(cameras: Cameras) -> Iterator[Diagnostic]:
-    for name, K in zip(cameras.names, cameras.K, strict=True):
+def _matrices(cameras: Cameras) -> Iterator[Diagnostic]:
+    for name, K, size in zip(cameras.names, cameras.K, cameras.image_size, strict=True):
         if np.abs(K[2] - (0, 0, 1)).max() > _ROUNDING or abs(K[1, 0]) > _ROUNDING * K[1, 1]:
             second, third = (f"({', '.join(f'{v:g}' for v in row)})" for row in K[1:])
             yield diagnostic("intrinsics_impossible", cameras=[name], second=second, third=third)
+        if not ((K[:2, 2] > -0.5) & (K[:2, 2] < size)).all():
+            width, height = size.tolist()
+            yield diagnostic("centre_outside", cameras=[name], x=K[0, 2], y=K[1, 2], width=width, height=height)
 
 
 def _focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
@@ -69,13 +72,6 @@ def _focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
             K, (width, height) = cameras.K[c], cameras.image_size[c].tolist()
             figures: dict[str, Any] = {"fx": K[0, 0], "fy": K[1, 1], "width": width, "height": height}
             yield diagnostic("focal_length_odd", severity=severity, cameras=[cameras.names[c]], **figures)
-
-
-def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
-    for name, K, size in zip(cameras.names, cameras.K, cameras.image_size, strict=True):
-        if not ((K[:2, 2] > -0.5) & (K[:2, 2] < size)).all():
-            width, height = size.tolist()
-            yield diagnostic("centre_outside", cameras=[name], x=K[0, 2], y=K[1, 2], width=width, height=height)
 
 
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
@@ -136,6 +132,6 @@ def _markers(capture: Capture) -> Iterator[Diagnostic]:
         yield diagnostic("capture_empty")
 
 
-CAMERA_CHECKS = (_last_row, _focal_lengths, _odd_centres, _folds, _places)
+CAMERA_CHECKS = (_matrices, _focal_lengths, _folds, _places)
 CAPTURE_CHECKS = (_rate, _beyond_pictures, _markers)
 """Checks in this order. An error rejects the capture, and a warning becomes one of its problems."""
