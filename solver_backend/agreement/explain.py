@@ -155,7 +155,7 @@ class _Search:
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
         # Swapped names hide other faults: only in a mirrored ring do views agree after fixing one.
         named = [row for row in self.rows if row is exchange_names]
-        simple = (r for r in common if not r.pictures[0].mirrored and r.correction(0).changes <= 1)
+        simple = (r for r in common if r.pictures[0].mirrored + r.correction(0).changes <= 1)
         common += self._propose(named, list(simple))
         alike = self._rank([*self._rank(common, self.scout)[: 4 * BEAM], self.written])
         # A camera with a fault of its own hides the convention on which the other cameras agree.
