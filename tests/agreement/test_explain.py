@@ -112,6 +112,25 @@ def test_a_person_who_stands_in_one_pose(
     assert found.reading.pictures == pictures and {a.code for a in found.applied} == {"calibration_corrected"}
 
 
+@pytest.mark.parametrize("one", [0, pytest.param(1, marks=SLOW), pytest.param(2, marks=SLOW)])
+def test_three_cameras_with_rotated_images_and_one_of_half_size(one: int) -> None:
+    """The half-size image hides the rotation on which the other two views agree."""
+    seen = detections()
+    xy = np.stack([seen.xy[..., 1], CAMERAS.image_size[:, 0, None, None, None] - 1 - seen.xy[..., 0]], axis=-1)
+    turned_back = half(replace(seen, xy=xy), (one,))
+    three = replace(turned_back, cameras=seen.cameras[:3], xy=turned_back.xy[:3], confidence=seen.confidence[:3])
+    pictures = explain(CAMERAS.subset([0, 1, 2]), three).reading.pictures
+    assert pictures == tuple(PictureReading(0.5 if view == one else 1.0, 3) for view in range(3))
+
+
+def test_images_counted_from_below_with_swapped_names() -> None:
+    seen = detections()
+    below = replace(seen, xy=(np.array([0, 1079]) + seen.xy * [1, -1])[[1, 0, 2, 3]])
+    found = explain(CAMERAS, replace(below, confidence=seen.confidence[[1, 0, 2, 3]]))
+    assert {a.code for a in found.applied} == {"detections_corrected", "camera_names_exchanged"}
+    assert found.reading.owners == (1, 0, 2, 3) and found.reading.pictures[0] == PictureReading(turn=2, mirrored=True)
+
+
 @pytest.mark.parametrize(
     ("spoil", "views", "size", "window"),
     [
