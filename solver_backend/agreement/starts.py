@@ -84,7 +84,7 @@ def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None
         return None
     readings = [replace(written, pictures=(PictureReading(*kind),) * count) for kind in product(FACTORS, TURNS)]
     readings += [replace(written, pose=pose, graphics=axes) for pose, axes in product(POSES, (False, True))]
-    found = {r: np.median(_strengths(*apply_reading(cameras, detections, r))) for r in dict.fromkeys(readings)}
+    found = {r: float(np.median(_strengths(*apply_reading(cameras, detections, r)))) for r in dict.fromkeys(readings)}
     best = max(found, key=lambda reading: found[reading])
     rivals = [found[reading] for reading in found if _differ(reading, best)]
     clear = found[best] >= LEAST_STRENGTH and max(rivals) < RIVAL_SHARE * found[best]
