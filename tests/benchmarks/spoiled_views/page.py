@@ -40,14 +40,12 @@ def page_of(rows: Sequence[dict[str, Any]]) -> str:
     """
     parts = [_HEAD]
     for title, kinds in (("Faults that can be corrected", KINDS), ("Faults that look valid", LIES)):
-        lines = [_line(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]
-        parts.append("\n".join([f"## {title}\n", _TABLE, *(line for line in lines if line)]) + "\n")
+        lines = [_line(kind, of_kind) for kind in kinds if (of_kind := [row for row in rows if row["kind"] == kind])]
+        parts += ["\n".join([f"## {title}\n", _TABLE, *lines]) + "\n"] if lines else []
     return "\n".join(parts)
 
 
 def _line(kind: str, rows: Sequence[dict[str, Any]]) -> str:
-    if not rows:
-        return ""
     counts = [sum(row["state"] == state for row in rows) for state in _STATES]
     errors = [float(np.nanmedian([row[key] for row in rows])) for key in ("error_mm", "unspoiled_mm")]
     tilts = [tilt for row in rows if np.isfinite(tilt := row.get("tilt_deg", float("nan")))]
