@@ -242,12 +242,12 @@ class TakeEvidence:
         return points, (owner, reading.pose, reading.graphics, reading.moved[view])
 
     def counts(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return the weighted histograms (N, BINS) of all epipolar distances for N interpretations."""
-        total, keys = np.zeros((len(readings), BINS)), self._keys(readings)
-        for i, j in self.pairs:
-            kept = [not {i, j} & {*reading.left_out} for reading in readings]
-            total += self._count([(row[i], row[j]) for row in keys]) * np.array(kept, bool)[:, None]
-        return total
+        """Return weighted histograms (pairs, N, BINS) of distances for N interpretations, zero for excluded views."""
+        keys = self._keys(readings)
+        counts = np.stack([self._count([(row[i], row[j]) for row in keys]) for i, j in self.pairs])
+        for n, out in ((n, reading.left_out) for n, reading in enumerate(readings) if reading.left_out):
+            counts[[bool({*pair} & {*out}) for pair in self.pairs], n] = 0.0
+        return counts
 
     def pair_counts(self, readings: Sequence[Reading], i: int, j: int) -> np.ndarray:
         """Return weighted histograms (N, BINS) of distances between two views for N interpretations."""
@@ -289,14 +289,14 @@ class TakeEvidence:
 
     def noise(self, readings: Sequence[Reading]) -> Noise:
         """Fit the noise of the epipolar distances for each interpretation."""
-        return fit_noise(self.counts(readings))
+        return fit_noise(self.counts(readings).sum(0))
 
     def likelihoods(self, readings: Sequence[Reading]) -> tuple[np.ndarray, Noise]:
         """Return (N,) mean log-likelihood ratios relative to unrelated views, and the noise.
 
         Distances to excluded views have a ratio of 0, like distances between unrelated views.
         """
-        counts = self.counts(readings)
+        counts = self.counts(readings).sum(0)
         noise = fit_noise(counts)
         weight = counts.sum(1)
         return (noise.density - UNRELATED) * weight / max(float(weight.max(initial=0.0)), 1e-9), noise

@@ -19,6 +19,7 @@ from solver_backend.agreement.evidence import (
     UNRELATED_NOISE,
     UNRELATED_OUTLIERS,
     TakeEvidence,
+    fit_noise,
     log_density,
 )
 from solver_backend.agreement.hypotheses import (
@@ -154,13 +155,13 @@ class _Search:
         everybody = len(self.quick.suspects) == self.quick.views
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
         # Swapped names hide other faults: only in a mirrored ring do views agree after fixing one.
-        named = [row for row in self.rows if row is exchange_names]
         simple = (r for r in common if r.pictures[0].mirrored + r.correction(0).changes <= 1)
-        common += self._propose(named, list(simple))
+        common += self._propose([row for row in self.rows if row is exchange_names], list(simple))
         alike = self._rank([*self._rank(common, self.scout)[: 4 * BEAM], self.written])
         # A camera with a fault of its own hides the convention on which the other cameras agree.
-        apart = [self._rank([replace(r, left_out=(v,)) for r in common], self.scout)[0] for v in self.quick.suspects]
-        partly = [replace(apart[n], left_out=()) for n in np.flatnonzero(self.quick.noise(apart).is_related)]
+        counts = self.scout.counts(common)
+        rest = (fit_noise(counts[[v not in pair for pair in self.scout.pairs]].sum(0)) for v in self.quick.suspects)
+        partly = [common[n] for noise in rest if noise.is_related[n := int(noise.density.argmax())]]
         found, beam = alike[: 2 * BEAM], list(dict.fromkeys([*alike[:BEAM], *partly, self.written]))
         for _ in range(MOST_FAULTS):
             named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOST_FAULTS]
