@@ -159,9 +159,9 @@ class _Search:
         common += self._propose([row for row in self.rows if row is exchange_names], list(simple))
         alike = self._rank([*self._rank(common, self.scout)[: 4 * BEAM], self.written])
         # A camera with a fault of its own hides the convention on which the other cameras agree.
-        counts = self.scout.counts(common)
-        rest = (fit_noise(counts[[v not in pair for pair in self.scout.pairs]].sum(0)) for v in self.quick.suspects)
-        partly = [common[n] for noise in rest if noise.is_related[n := int(noise.density.argmax())]]
+        counts, cost = self.scout.counts(common), np.array([cost_of(r, self.constraints) for r in common])
+        fits = (fit_noise(counts[[v not in pair for pair in self.scout.pairs]].sum(0)) for v in self.quick.suspects)
+        partly = [common[n] for f in fits if f.is_related[n := int((f.density * self.constraints - cost).argmax())]]
         found, beam = alike[: 2 * BEAM], list(dict.fromkeys([*alike[:BEAM], *partly, self.written]))
         for _ in range(MOST_FAULTS):
             named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOST_FAULTS]
