@@ -358,13 +358,12 @@ def without_explained(
     """
     found, table = tuple(found), load_table()
     roles = {item.code: entry.role for item in found if (entry := table.get(item.code))}
-    repaired = {
-        camera: sum(last - first + 1 for first, last in item.where.frames)
-        for item in found
-        if roles.get(item.code) == "explains" and item.remedy is Remedy.REPAIRED
-        for camera in item.where.cameras
-    }
-    explained = {camera for camera, frames in repaired.items() if frames >= MOST_FRAMES * num_frames}
+    corrections = [item for item in found if roles.get(item.code) == "explains" and item.remedy is Remedy.REPAIRED]
+    repaired, explained = set[str](), set[str]()
+    for item in corrections:
+        repaired |= {*item.where.cameras}
+        if sum(last - first + 1 for first, last in item.where.frames) >= MOST_FRAMES * num_frames:
+            explained |= {*item.where.cameras}
     cameras = None if capture is None or not explained else capture.cameras
     others = None if cameras is None else [c for c, name in enumerate(cameras.names) if name not in explained]
     for item in found:

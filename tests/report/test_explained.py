@@ -59,3 +59,8 @@ def test_a_camera_that_moved_during_the_take_has_no_unknown_fault() -> None:
     assert list(without_explained([unknown, moved], 100)) == [moved]
     other = diagnostic("camera_unexplained", cameras=["cam01"])
     assert list(without_explained([other, moved], 100)) == [other, moved]
+
+
+def test_a_second_correction_in_part_of_the_take_brings_no_doubt_back() -> None:
+    moved = diagnostic("camera_turned", cameras=["cam03"], frames=[(50, 99)], remedy=Remedy.REPAIRED, size=10.0)
+    assert list(without_explained([DOUBTS[0], corrected(99), moved], 100)) == [corrected(99), moved]
