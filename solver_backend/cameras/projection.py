@@ -148,10 +148,11 @@ def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Arra
     flat = xp.reshape(xy, (xy.shape[0], -1, 2))
     target = [xp.where(xp.isfinite(part), part, xp.zeros_like(part)) for part in (flat[..., 0], flat[..., 1])]
     guess, limit = [xp.asarray(part, copy=True) for part in target], xp.reshape(limit, (-1, 1))
-    k = _coefficients(distortion, guess[0])
+    k, least = _coefficients(distortion, guess[0]), 64.0 * xp.finfo(xy.dtype).eps  # the error is the step squared
     active = xp.arange(flat.shape[1], device=device_of(xy))  # columns that some camera has not finished
+    before = xp.zeros_like(guess[0], dtype=xp.bool)
     for _ in range(NEWTON_STEPS):
-        x, y = _pulled_inside(guess[0][:, active], guess[1][:, active], limit)
+        x, y, outside = _pulled_inside(guess[0][:, active], guess[1][:, active], limit)
         at_x, at_y, (xx, cross, yy) = model.distort(x, y, k, xp)
         ex, ey = target[0][:, active] - at_x, target[1][:, active] - at_y
         determinant = xx * yy - cross * cross
@@ -160,23 +161,24 @@ def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Arra
         steps = (yy * ex - cross * ey) / determinant, (xx * ey - cross * ex) / determinant
         step_x, step_y = (xp.where(singular, xp.zeros_like(step), step) for step in steps)
         guess[0][:, active], guess[1][:, active] = x + step_x, y + step_y
-        least = 4.0 * xp.finfo(xy.dtype).eps
-        moving = xp.any((xp.abs(step_x) >= least) | (xp.abs(step_y) >= least), axis=0)
-        if not bool(xp.any(moving)):
+        # A point that leaves the limit again after it was pulled inside has no inverse, because the slope is positive.
+        moving = ((xp.abs(step_x) >= least) | (xp.abs(step_y) >= least)) & ~(outside & before)
+        columns = xp.any(moving, axis=0)
+        if not bool(xp.any(columns)):
             break
-        active = active[moving]
+        active, before = active[columns], outside[:, columns]
     return xp.reshape(xp.stack(guess, axis=-1), tuple(xy.shape))
 
 
-def _pulled_inside(x: Array, y: Array, limit: Array) -> tuple[Array, Array]:
-    """Move points beyond the radius limit towards the centre, to 99.9 % of the limit."""
+def _pulled_inside(x: Array, y: Array, limit: Array) -> tuple[Array, Array, Array]:
+    """Move points beyond the radius limit towards the centre, to 99.9 % of the limit. Return a mask of them, too."""
     xp = array_namespace(x)
     radius = xp.sqrt(x * x + y * y)
     outside = radius > limit
     if not bool(xp.any(outside)):
-        return x, y
+        return x, y, outside
     shrink = 0.999 * xp.where(outside, limit, xp.ones_like(limit)) / xp.where(outside, radius, xp.ones_like(radius))
-    return xp.where(outside, x * shrink, x), xp.where(outside, y * shrink, y)
+    return xp.where(outside, x * shrink, x), xp.where(outside, y * shrink, y), outside
 
 
 def _coefficients(distortion: Array, like: Array) -> list[Array]:
