@@ -74,7 +74,7 @@ def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = 
             is estimated. Interpretations that you compare need the same value.
     """
     points, behind = triangulate_rays(evidence, reading)
-    views = [evidence.points(evidence.key(reading, view)[0]) for view in range(evidence.views)]
+    views = [view for view, *_ in evidence.seen(reading)]
     place = {name: points[:, k] for k, name in enumerate(evidence.names)}
     lengths, usual, sides = _lengths(place)
     terms: dict[str, float] = {}
@@ -176,16 +176,14 @@ def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarr
     Points in fewer than two views are NaN. The method is linear triangulation with two rounds of robust weights
     (Hartley and Zisserman 2004, sec. 12.2).
     """
-    keys = [evidence.key(reading, view) for view in range(evidence.views)]
-    views = [evidence.points(points) for points, _ in keys]
-    poses = [evidence.pose_of(pose) for _, pose in keys]
-    unit = float(np.mean([np.linalg.norm(t) for _, t in poses])) + 1e-9
-    matrices = np.stack([np.concatenate([R, t[:, None] / unit], axis=1) for R, t in poses])
-    rays = np.stack([view.rays for view in views])
+    views = evidence.seen(reading)
+    unit = float(np.mean([np.linalg.norm(t) for *_, t in views])) + 1e-9
+    matrices = np.stack([np.concatenate([R, t[:, None] / unit], axis=1) for _, R, t in views])
+    rays = np.stack([view.rays for view, *_ in views])
     seen = np.isfinite(rays[..., 0])
     seen[list(reading.left_out)] = False
     rays = np.where(seen[..., None], rays, 0.0)
-    size = np.array([view.size for view in views])[:, None, None]
+    size = np.array([view.size for view, *_ in views])[:, None, None]
     # (V, P, J, 2, 4): two equations per view
     rows = rays[..., :2, None] * matrices[:, None, None, 2:3] - matrices[:, None, None, :2]
     weight = seen.astype(float)
@@ -213,9 +211,7 @@ def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) 
 def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: bool = False) -> Pose | None:
     """Fit a view's pose to the points of the other views. Return None if it already fits, or with too few points."""
     points, _ = triangulate_rays(evidence, replace(reading, left_out=(*reading.left_out, view)))
-    points_key, pose_key = evidence.key(reading, view)
-    seen = evidence.points(points_key)
-    R, t = evidence.pose_of(pose_key)
+    seen, R, t = evidence.seen(reading)[view]
     known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
     X, rays = points[known], seen.rays[known]
     if len(X) < ENOUGH or np.median(_distances(R, t, X, rays, seen.size)) < MOVED:
@@ -224,7 +220,7 @@ def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: b
     if turned:
         R, t = starts[1]
     else:
-        camera = evidence.cameras.subset([points_key[1]])
+        camera = evidence.cameras.subset([reading.owners[view]])
         plain = replace(camera, K=np.eye(3)[None], distortion=np.zeros_like(camera.distortion), models=(DEFAULT_MODEL,))
         first = [_fit(replace(plain, R=R[None], t=t[None]), X, rays, seen.size, SCALES[:1]) for R, t in starts]
         best = min(first, key=lambda c: float(np.median(_distances(c.R[0], c.t[0], X, rays, seen.size))))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import count, product
 from typing import Any
 
 import numpy as np
@@ -140,6 +140,15 @@ class ViewRays:
     outside: float  # Share of the keypoints outside the image.
 
 
+SeenView = tuple[ViewRays, np.ndarray, np.ndarray]  # Rays, rotation (3, 3) and translation (3,) of the camera.
+
+
+def _key(reading: Reading, view: int) -> ViewKey:
+    owner = reading.owners[view]
+    points = (view, owner, reading.pictures[view], reading.sides[view], reading.late[view])
+    return points, (owner, reading.pose, reading.graphics, reading.moved[view])
+
+
 class TakeEvidence:
     """Epipolar distances between views, for any interpretation of a take's files. Results of pairs are cached."""
 
@@ -157,9 +166,11 @@ class TakeEvidence:
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self.suspects = tuple(range(self.views))  # Views that may have a fault.
         self._cameras = [cameras.subset([owner]) for owner in range(len(cameras))]
-        self._corrections: dict[tuple[int, CameraCorrection], Cameras] = {}
+        self._poses: dict[PoseKey, tuple[np.ndarray, np.ndarray]] = {}
         self._points: dict[PointsKey, ViewRays] = {}
-        self._counts: dict[tuple[ViewKey, ViewKey], np.ndarray] = {}
+        self._numbers: dict[ViewKey, int] = {}
+        self._seen: list[SeenView] = []  # By these numbers.
+        self._counts: dict[int, np.ndarray] = {}  # Histograms by a code of both views' numbers.
 
     @property
     def poses(self) -> int:
@@ -178,29 +189,16 @@ class TakeEvidence:
         first = np.unique(self.pose, return_index=True)[1]
         first = first[sample(len(first), poses)]
         few.frames, few.pose = self.frames[first], np.arange(len(first))
-        few._points, few._counts = {}, {}
+        few._points, few._numbers, few._seen, few._counts = {}, {}, [], {}
         return few
-
-    def points(self, key: PointsKey) -> ViewRays:
-        """Return the rays of a view in one interpretation."""
-        self._prepare([key])
-        return self._points[key]
-
-    def _prepare(self, keys: Iterable[PointsKey]) -> None:
-        missing: dict[tuple[int, int], list[PointsKey]] = {}
-        for key in dict.fromkeys(keys):
-            if key not in self._points:
-                missing.setdefault(key[:2], []).append(key)
-        for (view, owner), wanted in missing.items():
-            self._read(view, owner, wanted)
 
     def _read(self, view: int, owner: int, keys: Sequence[PointsKey]) -> None:
         camera = self._cameras[owner]
         lens = camera.K[0, [0, 1], [0, 1]], camera.K[0, :2, 2]
         pixels, outside, focal = list[np.ndarray](), list[float](), list[float]()
         for _, _, picture, sides, late in keys:
-            shown, scale = self._corrected(owner, window=picture.window), np.array([picture.window[0], 1.0])
-            offset, size = shown.K[0, :2, 2] - scale * lens[1], shown.image_size[0] * picture.size
+            scale, edges = np.array([picture.window[0], 1.0]), camera.image_size[0, 1] * np.array(picture.window[1:])
+            offset, size = (scale - 1) / 2 + edges, (camera.image_size[0] * scale + edges) * picture.size
             at = self.frames + late
             xy = self._xy[view, np.clip(at, 0, self.num_frames - 1)]
             if late:
@@ -221,68 +219,67 @@ class TakeEvidence:
         for key, seen_rays, length, share in zip(keys, rays, focal, outside, strict=True):
             self._points[key] = ViewRays(seen_rays, float(self.person_px[view] / length), share)
 
-    def pose_of(self, key: PoseKey) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rotation (3, 3) and translation (3,) of a camera in one interpretation."""
-        owner, pose, graphics, moved = key
-        if moved is not None:
-            return np.reshape(moved[:9], (3, 3)), np.array(moved[9:])
-        read = self._corrected(owner, pose=pose, graphics=graphics)
-        return read.R[0], read.t[0]
+    def _pose_of(self, key: PoseKey) -> tuple[np.ndarray, np.ndarray]:
+        if key not in self._poses:
+            owner, pose, graphics, moved = key
+            read = corrected(self._cameras[owner], [CameraCorrection(pose=pose, graphics=graphics)])
+            fitted = (read.R[0], read.t[0]) if moved is None else (np.reshape(moved[:9], (3, 3)), np.array(moved[9:]))
+            self._poses[key] = fitted
+        return self._poses[key]
 
-    def _corrected(self, owner: int, **change: Any) -> Cameras:
-        key = owner, CameraCorrection(**change)
-        if key not in self._corrections:
-            self._corrections[key] = corrected(self._cameras[owner], [key[1]])
-        return self._corrections[key]
+    def _numbered(self, readings: Sequence[Reading]) -> np.ndarray:
+        """Return the numbers (N, V) of the interpretations of the views, which are prepared here if they are new."""
+        keys = [_key(reading, view) for reading in readings for view in range(self.views)]
+        new = dict.fromkeys(key for key in keys if key not in self._numbers)
+        missing: dict[tuple[int, int], list[PointsKey]] = {}
+        for points in dict.fromkeys(points for points, _ in new if points not in self._points):
+            missing.setdefault(points[:2], []).append(points)
+        for (view, owner), wanted in missing.items():
+            self._read(view, owner, wanted)
+        self._numbers.update(zip(new, count(len(self._numbers)), strict=False))
+        self._seen += [(self._points[points], *self._pose_of(pose)) for points, pose in new]
+        return np.array([self._numbers[key] for key in keys]).reshape(len(readings), self.views)
 
-    def key(self, reading: Reading, view: int) -> ViewKey:
-        """Return the keys of the cached rays of a view and of its camera's cached pose."""
-        owner = reading.owners[view]
-        points = (view, owner, reading.pictures[view], reading.sides[view], reading.late[view])
-        return points, (owner, reading.pose, reading.graphics, reading.moved[view])
+    def seen(self, reading: Reading) -> list[SeenView]:
+        """Return the rays, the rotation (3, 3) and the translation (3,) of each view in one interpretation."""
+        return [self._seen[n] for n in self._numbered([reading])[0]]
 
     def counts(self, readings: Sequence[Reading]) -> np.ndarray:
         """Return weighted histograms (pairs, N, BINS) of distances for N interpretations, zero for excluded views."""
-        keys = self._keys(readings)
-        counts = np.stack([self._count([(row[i], row[j]) for row in keys]) for i, j in self.pairs])
+        numbers = self._numbered(readings)
+        counts = np.stack([self._count(numbers[:, pair]) for pair in self.pairs])
         for n, out in ((n, reading.left_out) for n, reading in enumerate(readings) if reading.left_out):
             counts[[bool({*pair} & {*out}) for pair in self.pairs], n] = 0.0
         return counts
 
     def pair_counts(self, readings: Sequence[Reading], i: int, j: int) -> np.ndarray:
         """Return weighted histograms (N, BINS) of distances between two views for N interpretations."""
-        return self._count([(row[i], row[j]) for row in self._keys(readings)])
+        return self._count(self._numbered(readings)[:, (i, j)])
 
-    def _keys(self, readings: Sequence[Reading]) -> list[list[ViewKey]]:
-        keys = [[self.key(reading, view) for view in range(self.views)] for reading in readings]
-        self._prepare(key[0] for row in keys for key in row)
-        return keys
+    def _count(self, numbers: np.ndarray) -> np.ndarray:
+        codes, place = np.unique(numbers @ [1 << 32, 1], return_inverse=True)
+        if missing := [code for code in codes.tolist() if code not in self._counts]:
+            distances = self._distances(*np.divmod(missing, 1 << 32))
+            self._counts.update(zip(missing, count_in_bins(distances, self.weight[:, None]), strict=True))
+        return np.array([self._counts[code] for code in codes.tolist()])[place].reshape(-1, BINS)
 
-    def _count(self, pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
-        missing = dict[tuple[PoseKey, PoseKey], dict[tuple[ViewKey, ViewKey], None]]()
-        for pair in pairs:
-            if pair not in self._counts:
-                missing.setdefault((pair[0][1], pair[1][1]), {})[pair] = None
-        for poses, wanted in missing.items():
-            counted = count_in_bins(self._distances(poses, [*wanted]), self.weight[:, None])
-            self._counts.update(zip(wanted, counted, strict=True))
-        return np.array([self._counts[pair] for pair in pairs]).reshape(-1, BINS)
-
-    def _distances(self, poses: tuple[PoseKey, PoseKey], pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
-        """Return signed epipolar distances (S, P, J) of S pairs in person sizes, NaN for unseen keypoints."""
-        views = [[self.points(key[0]) for key in side] for side in zip(*pairs, strict=True)]
-        rays = [(np.stack([v.rays for v in side]), np.array([v.size for v in side])[:, None, None]) for side in views]
-        return epipolar_distances(self.pose_of(poses[0]), self.pose_of(poses[1]), *rays[0], *rays[1])
+    def _distances(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Return signed epipolar distances (S, P, J) of S pairs of numbered views, NaN for unseen keypoints."""
+        sides = list[Any]()
+        for numbers in (one, other):
+            views, R, t = zip(*(self._seen[n] for n in numbers), strict=True)
+            sides += [(np.array(R), np.array(t)), np.array([v.rays.reshape(-1, 3) for v in views])]
+            sides.append(np.array([[v.size] for v in views]))
+        off = epipolar_distances(sides[0], sides[3], *sides[1:3], *sides[4:])
+        return off.reshape(len(one), len(self.frames), -1)
 
     def distances(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return (N, pairs, P, J) epipolar distances in person sizes for N interpretations with equal camera poses.
+        """Return (N, pairs, P, J) epipolar distances in person sizes for N interpretations.
 
         Keypoints that are not visible in both views have NaN.
         """
-        keys = self._keys(readings)
-        poses = [pose for _, pose in keys[0]]
-        pairs = [self._distances((poses[i], poses[j]), [(row[i], row[j]) for row in keys]) for i, j in self.pairs]
-        found = np.stack(pairs, axis=1)
+        one, other = self._numbered(readings)[:, np.array(self.pairs).T].swapaxes(0, 1)
+        found = self._distances(one.ravel(), other.ravel()).reshape(*one.shape, len(self.frames), -1)
         left_out = readings[0].left_out
         found[:, [i in left_out or j in left_out for i, j in self.pairs]] = np.nan
         return found
@@ -291,15 +288,14 @@ class TakeEvidence:
         """Fit the noise of the epipolar distances for each interpretation."""
         return fit_noise(self.counts(readings).sum(0))
 
-    def likelihoods(self, readings: Sequence[Reading]) -> tuple[np.ndarray, Noise]:
-        """Return (N,) mean log-likelihood ratios relative to unrelated views, and the noise.
+    def likelihoods(self, readings: Sequence[Reading]) -> np.ndarray:
+        """Return (N,) mean log-likelihood ratios relative to unrelated views.
 
         Distances to excluded views have a ratio of 0, like distances between unrelated views.
         """
         counts = self.counts(readings).sum(0)
-        noise = fit_noise(counts)
         weight = counts.sum(1)
-        return (noise.density - UNRELATED) * weight / max(float(weight.max(initial=0.0)), 1e-9), noise
+        return (fit_noise(counts).density - UNRELATED) * weight / max(float(weight.max(initial=0.0)), 1e-9)
 
     def comparisons(self) -> float:
         """Return how many constraints the views would give if all errors were independent."""
@@ -321,17 +317,14 @@ class TakeEvidence:
 
     def pair_noise(self, reading: Reading) -> tuple[list[tuple[int, int]], Noise]:
         """Return the pairs of views with common keypoints, and the noise of each pair."""
-        counts = np.concatenate([self.pair_counts([reading], i, j) for i, j in self.pairs])
+        counts = self.counts([reading])[:, 0]
         seen = counts.any(1) if counts.any() else np.arange(len(counts)) == 0
         return [pair for pair, known in zip(self.pairs, seen, strict=True) if known], fit_noise(counts[seen])
 
     def fits_of(self, reading: Reading, views: Collection[int]) -> Noise:
         """Fit the noise of the pairs that include one of ``views``, and the noise of all other pairs."""
-        pairs = [pair for pair in self.pairs if not {*pair} & {*reading.left_out}]
-        counts, own = np.zeros((2, BINS)), {*views}
-        for i, j in pairs:
-            counts[0 if own & {i, j} else 1] += self.pair_counts([reading], i, j)[0]
-        return fit_noise(counts)
+        own = np.array([bool({*pair} & {*views}) for pair in self.pairs])
+        return fit_noise(np.stack([own, ~own]) @ self.counts([reading])[:, 0])
 
     def per_pose(self, values: np.ndarray, axis: int) -> np.ndarray:
         """Average values over the frames of each pose. The frames are along ``axis``."""
@@ -350,17 +343,17 @@ def epipolar_distances(
     2004, eq. 11.9). It is NaN if a view does not show the point.
 
     Args:
-        pose_a: rotation (3, 3) and translation (3,) of the first camera. ``pose_b`` is the second camera's.
-        rays_a: (..., 3) undistorted points (x, y, 1), NaN where unseen.
+        pose_a: rotation (3, 3) and translation (3,) of the first camera, or (S, 3, 3) and (S, 3) of S cameras.
+            ``pose_b`` is the second camera's.
+        rays_a: (..., 3) undistorted points (x, y, 1), or (S, N, 3) of S cameras, NaN where unseen.
     """
     (R_a, t_a), (R_b, t_b) = pose_a, pose_b
-    R = R_b @ R_a.T
-    t = t_b - R @ t_a
-    length = np.linalg.norm(t)
-    if length <= 1e-6 * max(float(np.linalg.norm(t_a)), float(np.linalg.norm(t_b)), 1e-9):
-        return np.full(np.broadcast_shapes(rays_a.shape, rays_b.shape)[:-1], np.nan)  # both cameras are at one position
+    R = R_b @ R_a.swapaxes(-1, -2)
+    t = t_b - (R @ t_a[..., None])[..., 0]
+    length, *away = (np.linalg.norm(v, axis=-1, keepdims=True) for v in (t, t_a, t_b))
+    t = np.where(length > 1e-6 * np.maximum(np.maximum(*away), 1e-9), t, np.nan)  # NaN for cameras at one position
     E = skew(t / length) @ R
-    line_b, line_a = rays_a @ E.T, rays_b @ E
+    line_b, line_a = rays_a @ E.swapaxes(-1, -2), rays_b @ E
     square_a, square_b = (line[..., 0] ** 2 + line[..., 1] ** 2 for line in (line_a, line_b))
     with np.errstate(invalid="ignore"):
         return np.einsum("...c,...c", rays_b, line_b) / np.sqrt(square_b * size_b**2 + square_a * size_a**2 + 1e-18)

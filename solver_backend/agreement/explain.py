@@ -69,8 +69,6 @@ class Scored:
 
     reading: Reading
     epipolar: float  # Log-likelihood ratio relative to unrelated views, nats.
-    sigma: float  # Noise in person sizes.
-    outliers: float
     cost: float  # Cost of its changes, nats.
     body: BodyEvidence
 
@@ -136,7 +134,7 @@ class _Search:
 
     def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
         found = list(dict.fromkeys(readings))
-        ratio, _ = (evidence or self.quick).likelihoods(found)
+        ratio = (evidence or self.quick).likelihoods(found)
         if evidence is None:  # Of the most likely one, because the errors of a wrong one depend on each other.
             self.constraints = self.quick.constraints(found[int(ratio.argmax())])
         score = [d * self.constraints - cost_of(r, self.constraints) for d, r in zip(ratio, found, strict=True)]
@@ -190,19 +188,12 @@ class _Search:
 
     def score(self, readings: Sequence[Reading]) -> list[Scored]:
         """Compute the likelihood, the cost and the body evidence of each interpretation."""
-        ratios, noise = self.evidence.likelihoods([*readings, self.written])
+        ratios = self.evidence.likelihoods([*readings, self.written])
         if self.effect is None:
             self.effect = judge_body(self.quick, [*readings, self.written][int(ratios.argmax())]).effect
         return [
-            Scored(
-                reading,
-                float(ratio) * self.constraints,
-                float(noise.sigma[n]),
-                float(noise.outliers[n]),
-                cost_of(reading, self.constraints),
-                judge_body(self.quick, reading, self.effect),
-            )
-            for n, (reading, ratio) in enumerate(zip(readings, ratios, strict=False))  # without the last one
+            Scored(r, float(d) * self.constraints, cost_of(r, self.constraints), judge_body(self.quick, r, self.effect))
+            for r, d in zip(readings, ratios, strict=False)  # without the last one
         ]
 
     def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:
@@ -248,10 +239,27 @@ class _Search:
         The likelihoods may be similar, or both interpretations may give the same body with similar noise. If only the
         best one has fitted parameters, which absorb calibration errors, the other one only needs views that agree.
         """
-        agrees = other.sigma <= min(MOVED, AGREED_TIMES * best.sigma) and other.outliers <= UNRELATED_OUTLIERS
-        alike = _is_as_quiet(other, best) or (agrees and best.reading.is_fitted and not other.reading.is_fitted)
+        alike = self._is_as_quiet(other, best, absorbed=best.reading.is_fitted and not other.reading.is_fitted)
         near = best.total - other.total < BOUND or (alike and best.body.is_same(other.body))
-        return near or _absorbs(best, other)
+        return near or self._absorbs(best, other)
+
+    def _is_as_quiet(self, one: Scored, best: Scored, *, absorbed: bool = False) -> bool:
+        """Return whether ``one`` has about the noise of ``best``, or with ``absorbed``, whether its views agree.
+
+        Only pairs with a view that the two interpret differently are compared, because all others dilute its fault.
+        """
+        views = one.reading.differs_in(best.reading)
+        noise, least = (self.evidence.fits_of(scored.reading, views) for scored in (one, best))
+        k = int(views <= {*best.reading.left_out})  # Then all pairs of the best one are without these views.
+        (sigma, outliers), (low, few) = (noise.sigma[0], noise.outliers[0]), (least.sigma[k], least.outliers[k])
+        if absorbed and sigma <= min(MOVED, AGREED_TIMES * low) and outliers <= UNRELATED_OUTLIERS:
+            return True
+        alike = sigma <= AS_NOISY * low and 2 * (outliers - few) <= UNRELATED_OUTLIERS
+        return bool(alike) and len(one.reading.left_out) <= len(best.reading.left_out)
+
+    def _absorbs(self, cropped: Scored, plain: Scored) -> bool:
+        """Return whether a fitted crop of the images only absorbs calibration errors, so that it is no evidence."""
+        return cropped.reading.is_cropped and not plain.reading.is_cropped and self._is_as_quiet(plain, cropped)
 
     def decide(self) -> Explanation:
         """Return the winning interpretation, or the literal one if no other is certain."""
@@ -266,7 +274,7 @@ class _Search:
         # All of these explain the capture equally well, so the one with the fewest changes is the most likely.
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), s.reading.is_cropped, -s.total))
         others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
-        others = [s for s in others if not _absorbs(s, chosen)]
+        others = [s for s in others if not self._absorbs(s, chosen)]
         changes = changes_of(chosen.reading)
         rest = self.score([without for *_, without in changes])  # Each change must be needed, too.
         leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in rest]
@@ -295,16 +303,6 @@ class _Search:
         return "; ".join(parts) or "the files are correct"
 
 
-def _is_as_quiet(one: Scored, best: Scored) -> bool:
-    alike = one.sigma <= AS_NOISY * best.sigma and 2 * (one.outliers - best.outliers) <= UNRELATED_OUTLIERS
-    return alike and len(one.reading.left_out) <= len(best.reading.left_out)
-
-
-def _absorbs(cropped: Scored, plain: Scored) -> bool:
-    """Return whether a fitted crop of the images only absorbs calibration errors, so that it is no evidence."""
-    return cropped.reading.is_cropped and not plain.reading.is_cropped and _is_as_quiet(plain, cropped)
-
-
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
     """Find the calibrated camera of each recorded camera, by comparing the views.
 
@@ -329,7 +327,7 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
     best = ways[np.argsort(-scores, kind="stable")[: 4 * BEAM]].tolist()
     best += [by_order] if by_order is not None and by_order not in best else []
     readings = [replace(written, owners=tuple(owners)) for owners in best]
-    ratios, _ = evidence.likelihoods(readings)
+    ratios = evidence.likelihoods(readings)
     nats = ratios * evidence.constraints(readings[int(ratios.argmax())])
     likely = [best[k] for k in np.flatnonzero((nats >= BOUND) & (nats > nats.max() - BOUND))]
     return by_order if by_order in likely else likely[0] if len(likely) == 1 else None

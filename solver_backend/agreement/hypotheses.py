@@ -118,8 +118,8 @@ def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """Propose that all recorded images are squeezed, or show another crop than the calibrated images."""
     common, _ = reading.common()
     sized = [replace(reading, pictures=(replace(common, size=size),) * evidence.views) for size in FACTORS]
-    for start in dict.fromkeys([reading, sized[int(evidence.likelihoods(sized)[0].argmax())]]):
-        yield from (fit_window(evidence, start, free) for free in FREE)
+    best = sized[int(evidence.likelihoods(sized).argmax())]
+    yield from (fit_window(evidence, best if "size" in free else reading, free) for free in FREE)
 
 
 def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
@@ -143,7 +143,7 @@ def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     reach = min(LONGEST_DELAY, evidence.num_frames // 5)
     for view in evidence.suspects[evidence.views == 2 :]:
         tried = [reading.with_view(view, late=lag) for lag in range(-reach, reach + 1, STRIDE)]
-        middle = tried[int(evidence.likelihoods(tried)[0].argmax())].late[view]
+        middle = tried[int(evidence.likelihoods(tried).argmax())].late[view]
         for lag in range(middle - STRIDE + 1, middle + STRIDE):
             if abs(lag) >= STRIDE:
                 yield reading.with_view(view, late=lag)

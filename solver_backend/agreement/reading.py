@@ -131,6 +131,15 @@ class Reading:
         rows = {name: getattr(self, name) for name in values}
         return replace(self, **{name: (*row[:view], values[name], *row[view + 1 :]) for name, row in rows.items()})
 
+    def of_view(self, view: int) -> tuple[Any, ...]:
+        """Return everything that the interpretation says of one view."""
+        rows = self.pictures, self.owners, self.sides, self.moved, self.late
+        return self.pose, self.graphics, view in self.left_out, *(row[view] for row in rows)
+
+    def differs_in(self, other: Reading) -> set[int]:
+        """Return the views that the other interpretation treats differently."""
+        return {view for view in range(len(self.owners)) if self.of_view(view) != other.of_view(view)}
+
     @property
     def is_cropped(self) -> bool:
         """Return whether most views have a fitted image crop."""

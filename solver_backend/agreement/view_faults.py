@@ -166,7 +166,7 @@ def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> Vie
         if last >= first:
             evidence = TakeEvidence(cameras, _everybody(cameras, keypoints, first, last))
             if evidence.poses:
-                ratios, _ = evidence.likelihoods([Reading.as_written(len(cameras)), fault.reading])
+                ratios = evidence.likelihoods([Reading.as_written(len(cameras)), fault.reading])
                 if ratios[1] > ratios[0]:
                     fault = replace(fault, first=min(fault.first, first), last=max(fault.last, last))
     return fault

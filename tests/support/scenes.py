@@ -29,7 +29,7 @@ def ring_of_cameras(count: int = 4, radius: float = 4.0, height: float = 1.6, di
     R = np.stack([look_at(c, np.array([0.0, 0.0, 0.9])) for c in centres])
     K = np.tile(np.array([[1400.0, 0, 959.5], [0, 1410.0, 539.5], [0, 0, 1]]), (count, 1, 1))
     coefficients = np.tile([distortion, 0.02, 0.0005, -0.0003, 0.0], (count, 1))
-    names = tuple(f"cam_{'abcdefghij'[i]}" for i in range(count))
+    names = tuple(f"cam_{'abcdefghijklmnop'[i]}" for i in range(count))
     return Cameras(names, K, coefficients, R, -np.einsum("cij,cj->ci", R, centres), np.tile([1920, 1080], (count, 1)))
 
 
