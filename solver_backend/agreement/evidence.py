@@ -161,8 +161,8 @@ class TakeEvidence:
         self._mirror = [self.names.index(names[detections.joint_set.mirrored()[k]]) for k in columns]
         self._xy = main_person(keep_shared(cameras, detections), every_keypoint=True)[..., columns, :]
         self.views, self.num_frames = self._xy.shape[:2]
-        self.person_px = person_size(self._xy)
-        self.frames, self.pose = independent_poses(self._xy, self.person_px)
+        self._boxes = person_boxes(self._xy)
+        self.frames, self.pose = independent_poses(self._xy, np.linalg.norm(self._boxes, axis=-1))
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self.suspects = tuple(range(self.views))  # Views that may have a fault.
         self._cameras = [cameras.subset([owner]) for owner in range(len(cameras))]
@@ -195,7 +195,7 @@ class TakeEvidence:
     def _read(self, view: int, owner: int, keys: Sequence[PointsKey]) -> None:
         camera = self._cameras[owner]
         lens = camera.K[0, [0, 1], [0, 1]], camera.K[0, :2, 2]
-        pixels, outside, focal = list[np.ndarray](), list[float](), list[float]()
+        pixels, outside, sizes = list[np.ndarray](), list[float](), list[float]()
         for _, _, picture, sides, late in keys:
             scale, edges = np.array([picture.window[0], 1.0]), camera.image_size[0, 1] * np.array(picture.window[1:])
             offset, size = (scale - 1) / 2 + edges, (camera.image_size[0] * scale + edges) * picture.size
@@ -208,7 +208,8 @@ class TakeEvidence:
             beyond = (xy < -0.03 * size) | (xy > 1.03 * size)
             outside.append(float((beyond[..., 0] | beyond[..., 1]).sum() / max(np.isfinite(xy[..., 0]).sum(), 1)))
             pixels.append((((xy + 0.5) / picture.size - 0.5) - offset) / scale)
-            focal.append(float(np.sqrt(np.prod(lens[0] * scale)) * picture.size))
+            box = self._boxes[view, :: -1 if picture.turn % 2 else 1] / picture.size / scale  # squeezed with the image
+            sizes.append(float(np.linalg.norm(box / lens[0])))
         xy = np.stack(pixels)
         flat = np.clip((xy - lens[1]) / lens[0], -_FAR, _FAR).astype(np.float32)  # exact to a thousandth of a pixel
         with np.errstate(over="ignore", invalid="ignore"):  # far outside the lens
@@ -216,8 +217,7 @@ class TakeEvidence:
         # Points beyond the lens are far off, not unseen.
         points = np.where(np.isfinite(points), np.clip(points, -_FAR, _FAR), flat)
         rays = np.concatenate([points, np.where(np.isfinite(points[..., :1]), 1.0, np.nan)], axis=-1, dtype=np.float64)
-        for key, seen_rays, length, share in zip(keys, rays, focal, outside, strict=True):
-            self._points[key] = ViewRays(seen_rays, float(self.person_px[view] / length), share)
+        self._points.update(zip(keys, map(ViewRays, rays, sizes, outside), strict=True))
 
     def _pose_of(self, key: PoseKey) -> tuple[np.ndarray, np.ndarray]:
         if key not in self._poses:
@@ -299,9 +299,10 @@ class TakeEvidence:
 
     def comparisons(self) -> float:
         """Return how many constraints the views would give if all errors were independent."""
-        (distance,) = self.distances([Reading.as_written(self.views)])
+        # Distances would be NaN if the files put all cameras in one place, such as a ring with a wrong convention.
+        seen = np.isfinite(self._xy[:, self.frames][..., 0])
         share = min(1.0, (2 * self.views - 3) / max(len(self.pairs), 1))
-        return float((np.isfinite(distance) * self.weight[:, None]).sum()) * share
+        return float(sum(((seen[i] & seen[j]) * self.weight[:, None]).sum() for i, j in self.pairs)) * share
 
     def constraints(self, reading: Reading) -> float:
         """Return the number of independent constraints between the views.
@@ -392,16 +393,16 @@ def agreement_share(cameras: Cameras, detections: Detections) -> float:
     return float(evidence.quick().noise([Reading.as_written(evidence.views)]).share[0])
 
 
-def person_size(xy: np.ndarray) -> np.ndarray:
-    """Return the (C,) median size of the person in each view in px, 1 for an empty view."""
-    sizes = np.ones(len(xy))
+def person_boxes(xy: np.ndarray) -> np.ndarray:
+    """Return the (C, 2) median width and height of the person in each view in px, the root of 1/2 for an empty view."""
+    boxes = np.full((len(xy), 2), 0.5**0.5)
     for view, points in enumerate(xy):
         shown = points[np.isfinite(points[..., 0]).sum(-1) >= MIN_POINTS]
         if len(shown):
             shown = shown[sample(len(shown), FRAMES)]
             low, high = (quantile(shown, share, 1, "nearest") for share in (0.05, 0.95))
-            sizes[view] = max(float(np.median(np.linalg.norm(high - low, axis=-1))), 1e-6)
-    return sizes
+            boxes[view] = np.maximum(np.median(high - low, axis=0), 1e-6)
+    return boxes
 
 
 def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

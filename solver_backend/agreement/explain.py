@@ -265,11 +265,12 @@ class _Search:
         """Return the winning interpretation, or the literal one if no other is certain."""
         ranked = self.search()
         likely = list(dict.fromkeys([*ranked[: 2 * BEAM], self.written]))
+        for reading in likely:  # including the ones added here, because each has to beat all simpler ones
+            likely += [without for *_, without in changes_of(reading) if without not in likely]
         likely += [replace(r, sides=tuple(not side for side in r.sides)) for r in (*likely[:4], self.written)]
         if self.is_alone and self.evidence.views > 2:  # All must beat the hypothesis of one bad camera.
             likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
-        likely = [reading for reading in dict.fromkeys(likely) if self._fits(reading)]
-        table = sorted(self.score(likely), key=lambda s: -s.total)
+        table = sorted(self.score([r for r in dict.fromkeys(likely) if self._fits(r)]), key=lambda s: -s.total)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
         # All of these explain the capture equally well, so the one with the fewest changes is the most likely.
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), s.reading.is_cropped, -s.total))

@@ -71,3 +71,13 @@ def test_a_moved_camera() -> None:
 
 def test_no_fault() -> None:
     assert not explain(*ring()).changed
+
+
+def test_camera_to_world_files_that_put_a_ring_in_one_place() -> None:
+    """As written, no pair of views has epipolar lines. Squeezed images once explained the noise of a level ring."""
+    cameras, seen = ring()
+    noise = np.random.default_rng(1).normal(0, 12.0, seen.xy.shape)
+    R = cameras.R.swapaxes(1, 2)
+    inverse = replace(cameras, R=R, t=-np.einsum("cij,cj->ci", R, cameras.t))
+    found = explain(inverse, replace(seen, xy=seen.xy + noise))
+    assert [a.meaning for a in found.applied] == ["rotations and translations are from camera to world"]
