@@ -191,7 +191,7 @@ def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarr
     for _ in range(2):
         depth = camera[..., 2]
         plane = camera[..., :2] / np.where(np.abs(depth) < 1e-6, 1e-6, depth)[..., None]
-        off = np.linalg.norm(plane - rays[..., :2], axis=-1) / size
+        off = np.linalg.norm((plane - rays[..., :2]) / size, axis=-1)
         weight = seen / (1 + (off / MOVED) ** 2) / np.maximum(np.abs(depth), 0.05)
         X, camera = _meeting_points(rows, weight, matrices)
     several = seen.sum(0) >= 2
@@ -229,10 +229,10 @@ def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: b
     return (*R.ravel().round(9).tolist(), *t.round(9).tolist()) if np.isfinite(t).all() else None
 
 
-def _distances(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, size: float) -> np.ndarray:
+def _distances(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, size: np.ndarray) -> np.ndarray:
     camera = X @ R.T + t
     ahead = np.where(camera[:, 2] > 1e-6, camera[:, 2], np.nan)
-    return np.nan_to_num(np.linalg.norm(camera[:, :2] / ahead[:, None] - rays[:, :2], axis=-1) / size, nan=9.0)
+    return np.nan_to_num(np.linalg.norm((camera[:, :2] / ahead[:, None] - rays[:, :2]) / size, axis=-1), nan=9.0)
 
 
 def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -250,7 +250,7 @@ def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tu
     return turned, np.negative(turned) @ place
 
 
-def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float, scales: Sequence[float]) -> Cameras:
-    for scale in scales:
-        camera = resected(camera, rays[None, :, None, :2], np.ones((1, len(X), 1)), X[:, None], scale * size, steps=4)
+def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: np.ndarray, scales: Sequence[float]) -> Cameras:
+    for width in size.mean() * np.array(scales):
+        camera = resected(camera, rays[None, :, None, :2], np.ones((1, len(X), 1)), X[:, None], width, steps=4)
     return camera

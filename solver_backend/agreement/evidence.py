@@ -122,7 +122,6 @@ BODY_SIGMA = np.radians(12.0)
 """Standard deviation per axis (radians) of the angle between gravity and the direction from ankles to shoulders over a
 take. People who run, leap or tumble exceed it, and show little about gravity."""
 EACH, NEIGHBOURS = 8, 3  # Up to this number of cameras all pairs are compared, beyond it neighbours on either side.
-_FAR = 5.0  # Largest coordinate of a keypoint on the unit plane. Without it, squeezed images explain random points.
 _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
 
 PointsKey = tuple[int, int, PictureReading, bool, int]
@@ -136,7 +135,7 @@ class ViewRays:
     """Rays of a view in P frames, for J keypoints and one interpretation of the files."""
 
     rays: np.ndarray  # (P, J, 3) undistorted points (x, y, 1), NaN where unseen.
-    size: float  # Size of the person on the unit plane.
+    size: np.ndarray  # (2,) the person's size in px as lengths along x and y of the unit plane.
     outside: float  # Share of the keypoints outside the image.
 
 
@@ -161,8 +160,8 @@ class TakeEvidence:
         self._mirror = [self.names.index(names[detections.joint_set.mirrored()[k]]) for k in columns]
         self._xy = main_person(keep_shared(cameras, detections), every_keypoint=True)[..., columns, :]
         self.views, self.num_frames = self._xy.shape[:2]
-        self._boxes = person_boxes(self._xy)
-        self.frames, self.pose = independent_poses(self._xy, np.linalg.norm(self._boxes, axis=-1))
+        self.person_px = person_size(self._xy)
+        self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self.suspects = tuple(range(self.views))  # Views that may have a fault.
         self._cameras = [cameras.subset([owner]) for owner in range(len(cameras))]
@@ -195,7 +194,7 @@ class TakeEvidence:
     def _read(self, view: int, owner: int, keys: Sequence[PointsKey]) -> None:
         camera = self._cameras[owner]
         lens = camera.K[0, [0, 1], [0, 1]], camera.K[0, :2, 2]
-        pixels, outside, sizes = list[np.ndarray](), list[float](), list[float]()
+        pixels, outside, sizes = list[np.ndarray](), list[float](), list[np.ndarray]()
         for _, _, picture, sides, late in keys:
             scale, edges = np.array([picture.window[0], 1.0]), camera.image_size[0, 1] * np.array(picture.window[1:])
             offset, size = (scale - 1) / 2 + edges, (camera.image_size[0] * scale + edges) * picture.size
@@ -208,14 +207,13 @@ class TakeEvidence:
             beyond = (xy < -0.03 * size) | (xy > 1.03 * size)
             outside.append(float((beyond[..., 0] | beyond[..., 1]).sum() / max(np.isfinite(xy[..., 0]).sum(), 1)))
             pixels.append((((xy + 0.5) / picture.size - 0.5) - offset) / scale)
-            box = self._boxes[view, :: -1 if picture.turn % 2 else 1] / picture.size / scale  # squeezed with the image
-            sizes.append(float(np.linalg.norm(box / lens[0])))
+            sizes.append(self.person_px[view] / (lens[0] * scale * picture.size))
         xy = np.stack(pixels)
-        flat = np.clip((xy - lens[1]) / lens[0], -_FAR, _FAR).astype(np.float32)  # exact to a thousandth of a pixel
+        flat = ((xy - lens[1]) / lens[0]).astype(np.float32)  # exact to a thousandth of a pixel
         with np.errstate(over="ignore", invalid="ignore"):  # far outside the lens
             points = undistort_normalised(flat[None], camera.distortion.astype(np.float32), camera.models)[0]
         # Points beyond the lens are far off, not unseen.
-        points = np.where(np.isfinite(points), np.clip(points, -_FAR, _FAR), flat)
+        points = np.where(np.isfinite(points), points, flat)
         rays = np.concatenate([points, np.where(np.isfinite(points[..., :1]), 1.0, np.nan)], axis=-1, dtype=np.float64)
         self._points.update(zip(keys, map(ViewRays, rays, sizes, outside), strict=True))
 
@@ -269,7 +267,7 @@ class TakeEvidence:
         for numbers in (one, other):
             views, R, t = zip(*(self._seen[n] for n in numbers), strict=True)
             sides += [(np.array(R), np.array(t)), np.array([v.rays.reshape(-1, 3) for v in views])]
-            sides.append(np.array([[v.size] for v in views]))
+            sides.append(np.array([v.size for v in views])[:, None])
         off = epipolar_distances(sides[0], sides[3], *sides[1:3], *sides[4:])
         return off.reshape(len(one), len(self.frames), -1)
 
@@ -347,6 +345,7 @@ def epipolar_distances(
         pose_a: rotation (3, 3) and translation (3,) of the first camera, or (S, 3, 3) and (S, 3) of S cameras.
             ``pose_b`` is the second camera's.
         rays_a: (..., 3) undistorted points (x, y, 1), or (S, N, 3) of S cameras, NaN where unseen.
+        size_a: the person's size along x and y, which broadcasts to (..., 2).
     """
     (R_a, t_a), (R_b, t_b) = pose_a, pose_b
     R = R_b @ R_a.swapaxes(-1, -2)
@@ -355,9 +354,10 @@ def epipolar_distances(
     t = np.where(length > 1e-6 * np.maximum(np.maximum(*away), 1e-9), t, np.nan)  # NaN for cameras at one position
     E = skew(t / length) @ R
     line_b, line_a = rays_a @ E.swapaxes(-1, -2), rays_b @ E
-    square_a, square_b = (line[..., 0] ** 2 + line[..., 1] ** 2 for line in (line_a, line_b))
+    scaled = (line[..., :2] * size for line, size in ((line_a, size_a), (line_b, size_b)))
+    square_a, square_b = (line[..., 0] ** 2 + line[..., 1] ** 2 for line in scaled)
     with np.errstate(invalid="ignore"):
-        return np.einsum("...c,...c", rays_b, line_b) / np.sqrt(square_b * size_b**2 + square_a * size_a**2 + 1e-18)
+        return np.einsum("...c,...c", rays_b, line_b) / np.sqrt(square_b + square_a + 1e-18)
 
 
 def keep_shared(cameras: Cameras, detections: Detections) -> Detections:
@@ -369,8 +369,8 @@ def keep_shared(cameras: Cameras, detections: Detections) -> Detections:
     if len(people) == 1:
         return detections
     xy = sightings(cameras.subset(list(views)), detections).xy
-    rays, extents = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1), np.nan_to_num(extent(xy))[..., None]
-    size = extents[..., 0] / np.maximum(extents.max(2), 1e-9)
+    rays, size = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1), np.nan_to_num(extent(xy))
+    extents, size = size[..., None, None], size / np.maximum(size.max(2, keepdims=True), 1e-9)
     matches, total = np.zeros(size.shape, int), size.copy()
     for (i, j), p, q in product(compared_pairs(len(views), EACH, NEIGHBOURS), people, people):
         (at,) = np.nonzero((size[i, :, p] > 0) & (size[j, :, q] > 0))
@@ -393,16 +393,16 @@ def agreement_share(cameras: Cameras, detections: Detections) -> float:
     return float(evidence.quick().noise([Reading.as_written(evidence.views)]).share[0])
 
 
-def person_boxes(xy: np.ndarray) -> np.ndarray:
-    """Return the (C, 2) median width and height of the person in each view in px, the root of 1/2 for an empty view."""
-    boxes = np.full((len(xy), 2), 0.5**0.5)
+def person_size(xy: np.ndarray) -> np.ndarray:
+    """Return the (C,) median size of the person in each view in px, 1 for an empty view."""
+    sizes = np.ones(len(xy))
     for view, points in enumerate(xy):
         shown = points[np.isfinite(points[..., 0]).sum(-1) >= MIN_POINTS]
         if len(shown):
             shown = shown[sample(len(shown), FRAMES)]
             low, high = (quantile(shown, share, 1, "nearest") for share in (0.05, 0.95))
-            boxes[view] = np.maximum(np.median(high - low, axis=0), 1e-6)
-    return boxes
+            sizes[view] = max(float(np.median(np.linalg.norm(high - low, axis=-1))), 1e-6)
+    return sizes
 
 
 def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -265,9 +265,9 @@ class _Search:
         """Return the winning interpretation, or the literal one if no other is certain."""
         ranked = self.search()
         likely = list(dict.fromkeys([*ranked[: 2 * BEAM], self.written]))
+        likely += [replace(r, sides=tuple(not side for side in r.sides)) for r in (*likely[:4], self.written)]
         for reading in likely:  # including the ones added here, because each has to beat all simpler ones
             likely += [without for *_, without in changes_of(reading) if without not in likely]
-        likely += [replace(r, sides=tuple(not side for side in r.sides)) for r in (*likely[:4], self.written)]
         if self.is_alone and self.evidence.views > 2:  # All must beat the hypothesis of one bad camera.
             likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
         table = sorted(self.score([r for r in dict.fromkeys(likely) if self._fits(r)]), key=lambda s: -s.total)
@@ -281,16 +281,15 @@ class _Search:
         leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in rest]
         margins = ((total - s.total, self.describe(s.reading)) for total, s in leads)
         margin, runner_up = min(margins, default=(np.inf, ""))
-        related = chosen.epipolar >= BOUND
+        shares = self.evidence.noise([chosen.reading, self.written]).share.tolist()
+        related = chosen.epipolar >= BOUND and shares[0] > 0  # otherwise it has the noise of unrelated views
         if chosen.reading == self.written or not related or margin < BOUND:
-            unsure = related and chosen.reading != self.written
-            best = (self.describe(chosen.reading), runner_up) if unsure else ()
+            best = (self.describe(chosen.reading), runner_up) if related and chosen.reading != self.written else ()
             return Explanation(self.written, (), self._pairs_agree(self.written), margin, runner_up, best)
         applied = tuple(
             Applied(code, views, meaning, chosen.total - score.total)
             for (code, views, meaning, _), score in zip(changes, rest, strict=True)
         )
-        shares = self.evidence.noise([chosen.reading, self.written]).share.tolist()
         return Explanation(chosen.reading, applied, self._pairs_agree(chosen.reading), margin, runner_up, (), *shares)
 
     def describe(self, reading: Reading) -> str:

@@ -119,7 +119,9 @@ def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     common, _ = reading.common()
     sized = [replace(reading, pictures=(replace(common, size=size),) * evidence.views) for size in FACTORS]
     best = sized[int(evidence.likelihoods(sized).argmax())]
-    yield from (fit_window(evidence, best if "size" in free else reading, free) for free in FREE)
+    for free in FREE:
+        starts = [best] if "size" in free else dict.fromkeys([reading, best])
+        yield from (fit_window(evidence, start, free) for start in starts)
 
 
 def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:

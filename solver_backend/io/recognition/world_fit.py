@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
-from solver_backend.agreement.evidence import BOUND, FRAMES, MOVED, SIGMAS, UNRELATED_NOISE, person_boxes
+from solver_backend.agreement.evidence import BOUND, FRAMES, MOVED, SIGMAS, UNRELATED_NOISE, person_size
 from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.agreement.single_view import LEAST_UPRIGHT
 from solver_backend.body.body import load_body
@@ -140,9 +140,7 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D, rolls: Sequence[int] =
         cameras.R,
         residual_px=float(quantile(np.asarray(found.residual_px).ravel(), 0.5, axis=0)),
         off_px=tuple(np.linalg.norm(quantile(shift, 0.5, axis=(1, 2)), axis=-1).tolist()),
-        person_px=tuple(
-            np.linalg.norm(person_boxes(np.where((confidence > 0)[..., None], xy, np.nan)), axis=-1).tolist()
-        ),
+        person_px=tuple(person_size(np.where((confidence > 0)[..., None], xy, np.nan)).tolist()),
         views=cameras.names,
         apart=apart,
         rolls=rolls,
