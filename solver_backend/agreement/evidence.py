@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import count, product
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from solver_backend.agreement.reading import (
     PictureReading,
     Pose,
     Reading,
+    compared_keypoints,
     extent,
     main_person,
     sample,
@@ -122,7 +123,7 @@ BODY_SIGMA = np.radians(12.0)
 """Standard deviation per axis (radians) of the angle between gravity and the direction from ankles to shoulders over a
 take. People who run, leap or tumble exceed it, and show little about gravity."""
 EACH, NEIGHBOURS = 8, 3  # Up to this number of cameras all pairs are compared, beyond it neighbours on either side.
-_BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
+_BODY = ("eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
 
 PointsKey = tuple[int, int, PictureReading, bool, int]
 """View, calibrated camera, image interpretation, swapped sides, delay in frames."""
@@ -154,10 +155,8 @@ class TakeEvidence:
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
         """Choose the frames of C views to compare. Only one person in each image is compared."""
         self.cameras, names = cameras, detections.joint_set.keypoints
-        wanted = {"nose", *(f"{side}_{part}" for part in _BODY[1:] for side in ("left", "right"))}
-        columns = np.array([k for k, name in enumerate(names) if name in wanted], int)
+        columns, self._mirror = compared_keypoints(detections.joint_set, _BODY)
         self.names = [names[k] for k in columns]
-        self._mirror = [self.names.index(names[detections.joint_set.mirrored()[k]]) for k in columns]
         self._xy = main_person(keep_shared(cameras, detections), every_keypoint=True)[..., columns, :]
         self.views, self.num_frames = self._xy.shape[:2]
         self.person_px = person_size(self._xy)
@@ -365,22 +364,26 @@ def keep_shared(cameras: Cameras, detections: Detections) -> Detections:
 
     If there are several such people, all views keep the one who is largest in all of them, relative to other people.
     """
-    views, people = range(len(detections.cameras)), range(detections.xy.shape[2])
+    views, people = len(detections.cameras), range(detections.xy.shape[2])
     if len(people) == 1:
         return detections
-    xy = sightings(cameras.subset(list(views)), detections).xy
+    xy = sightings(cameras.subset(list(range(views))), detections).xy
+    poses = list(zip(cameras.R, cameras.t, strict=True))
     rays, size = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1), np.nan_to_num(extent(xy))
     extents, size = size[..., None, None], size / np.maximum(size.max(2, keepdims=True), 1e-9)
-    matches, total = np.zeros(size.shape, int), size.copy()
-    for (i, j), p, q in product(compared_pairs(len(views), EACH, NEIGHBOURS), people, people):
-        (at,) = np.nonzero((size[i, :, p] > 0) & (size[j, :, q] > 0))
-        one, other, a, b = (i, at, p), (j, at, q), (cameras.R[i], cameras.t[i]), (cameras.R[j], cameras.t[j])
-        off = epipolar_distances(a, b, rays[one], extents[one], rays[other], extents[other])
-        alike = quantile(np.abs(off), 0.5, -1) < MOVED
-        for own, match in ((one, other), (other, one)):
-            matches[own] += alike
-            total[own] += alike * size[match]
-    total[matches < min(LEAST_CAMERAS, len(views)) - 1] = 0.0
+    matches, total, links = np.zeros(size.shape, int), size.copy(), list[tuple[int, int, np.ndarray]]()
+    for i, j in compared_pairs(views, EACH, NEIGHBOURS):
+        sides = ((rays[i, :, p, None], extents[i, :, p, None], rays[j], extents[j]) for p in people)
+        off = [quantile(np.abs(epipolar_distances(poses[i], poses[j], *side)), 0.5, -1) for side in sides]
+        apart = np.nan_to_num(np.stack(off, axis=1), nan=np.inf)
+        best = (apart == apart.min(1, keepdims=True)) & (apart == apart.min(2, keepdims=True)) & (apart < MOVED)
+        links += [(i, j, best), (j, i, best.swapaxes(1, 2))]
+    for i, j, alike in links:
+        matches[i] += alike.any(2)
+        total[i] += (alike * size[j][:, None]).sum(2)
+    total[matches < min(LEAST_CAMERAS, views) - 1] = 0.0
+    for i, j, alike in 2 * links:  # the highest total in any view, so that all views keep the same person
+        total[i] = np.where(total[i] > 0, np.maximum(total[i], (alike * total[j][:, None]).max(2)), 0.0)
     kept = total == total.max(-1, keepdims=True)  # everybody if no person is shared
     return replace(detections, confidence=np.where(kept[..., None], detections.confidence, 0.0))
 

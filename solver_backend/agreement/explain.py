@@ -112,18 +112,15 @@ def explain(
         return Explanation(written, (), agrees=False, margin=0.0, runner_up="")
     people = detections.people()
     alone = bool(people.any()) and float(np.median(people[people > 0])) == 1.0
-    search = _Search(evidence, written, rows, names_stated=names_stated, is_alone=alone)
+    search = _Search(evidence, rows, names_stated=names_stated, is_alone=alone)
     if search.agrees_without():
         return Explanation(written, (), agrees=True, margin=np.inf, runner_up="")
     return search.decide()
 
 
 class _Search:
-    def __init__(
-        self, evidence: TakeEvidence, written: Reading, rows: Sequence[Row], *, names_stated: bool,
-        is_alone: bool,
-    ) -> None:  # fmt: skip
-        self.evidence, self.quick, self.written = evidence, evidence.quick(), written
+    def __init__(self, evidence: TakeEvidence, rows: Sequence[Row], *, names_stated: bool, is_alone: bool) -> None:
+        self.evidence, self.quick, self.written = evidence, evidence.quick(), Reading.as_written(evidence.views)
         self.scout = self.quick.quick(2 * BEAM)
         self.is_whole = rows is ROWS  # True for a whole take, with the conventions of its files.
         self.rows = [row for row in rows if not (names_stated and row is exchange_names)]
@@ -282,7 +279,8 @@ class _Search:
         margins = ((total - s.total, self.describe(s.reading)) for total, s in leads)
         margin, runner_up = min(margins, default=(np.inf, ""))
         shares = self.evidence.noise([chosen.reading, self.written]).share.tolist()
-        related = chosen.epipolar >= BOUND and shares[0] > 0  # otherwise it has the noise of unrelated views
+        # The views of one person have less noise than unrelated views. Among several people they may show another one.
+        related = chosen.epipolar >= BOUND and (shares[0] > 0 or not self.is_alone)
         if chosen.reading == self.written or not related or margin < BOUND:
             best = (self.describe(chosen.reading), runner_up) if related and chosen.reading != self.written else ()
             return Explanation(self.written, (), self._pairs_agree(self.written), margin, runner_up, best)

@@ -30,10 +30,10 @@ class Sightings:
         return np.isfinite(self.xy[..., 0]).sum(-1) >= MIN_POINTS
 
 
-def compared_keypoints(joint_set: JointSet) -> tuple[np.ndarray, np.ndarray]:
-    """Select the keypoints to compare between views. Return their columns, and the index of each mirror image."""
-    names = joint_set.keypoints
-    wanted = ["nose", *(f"{side}_{name}" for name in LIMBS["arms"] + LIMBS["legs"] for side in ("left", "right"))]
+def compared_keypoints(joint_set: JointSet, parts: tuple[str, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Select the nose and limbs, or other ``parts``. Return their columns, and the index of each mirror image."""
+    names, parts = joint_set.keypoints, parts or LIMBS["arms"] + LIMBS["legs"]
+    wanted = ["nose", *(f"{side}_{name}" for name in parts for side in ("left", "right"))]
     columns = np.array([names.index(name) for name in wanted if name in names])
     mirrored = np.array(joint_set.mirrored())[columns]
     return columns, np.array([int(np.flatnonzero(columns == m)[0]) for m in mirrored])
@@ -41,8 +41,7 @@ def compared_keypoints(joint_set: JointSet) -> tuple[np.ndarray, np.ndarray]:
 
 def limb_keypoints(joint_set: JointSet) -> list[int]:
     """Return the columns of arms, legs and feet, which move most and therefore show delays."""
-    wanted = LIMBS["arms"] + LIMBS["legs"] + FEET
-    return [k for k, name in enumerate(joint_set.keypoints) if name.endswith(wanted)]
+    return [k for k, name in enumerate(joint_set.keypoints) if name.endswith(LIMBS["arms"] + LIMBS["legs"] + FEET)]
 
 
 def sightings(cameras: Cameras, detections: Detections) -> Sightings:

@@ -301,7 +301,7 @@ def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> No
 
 def test_only_a_camera_that_contradicts_all_others_is_searched() -> None:
     evidence = TakeEvidence(CAMERAS, half(detections(), (1,)))
-    everybody = _Search(evidence, WRITTEN, ROWS, names_stated=False, is_alone=True).search()
+    everybody = _Search(evidence, ROWS, names_stated=False, is_alone=True).search()
     turns = {tuple(np.roll(EVERY, k).tolist()) for k in range(1, 4)}
     assert {r.owners for r in everybody} == {EVERY} | turns, "in a ring, neighbours' names leave most views agreeing"
     readings = [reading for reading in everybody if reading.owners == EVERY]

@@ -269,7 +269,7 @@ def bring_to_agreement(
     files = Agreeing(calibration, detections, (False,) * len(detections.cameras))
     if len(detections.cameras) == 1:
         return _read_one_view(files, options)
-    if not np.ptp(calibration.cameras.centres, axis=0).any():
+    if not np.ptp(np.hstack([calibration.cameras.centres, calibration.cameras.t]), axis=0).any():
         what = "All cameras are at one point, because the calibration has only intrinsics."
         hint = "Also calibrate the positions of the cameras, for example with `cameras calibrate`."
         raise CalibrationInvalid(what, where=str(calibration.source), hint=hint)
