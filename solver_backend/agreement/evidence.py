@@ -154,7 +154,7 @@ class TakeEvidence:
 
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
         """Choose the frames of C views to compare. Only one person in each image is compared."""
-        self.cameras, names = cameras, detections.joint_set.keypoints
+        self.cameras, self.detections, names = cameras, detections, detections.joint_set.keypoints
         columns, self._mirror = compared_keypoints(detections.joint_set, _BODY)
         self.names = [names[k] for k in columns]
         self._xy = main_person(keep_shared(cameras, detections), every_keypoint=True)[..., columns, :]
@@ -388,12 +388,12 @@ def keep_shared(cameras: Cameras, detections: Detections) -> Detections:
     return replace(detections, confidence=np.where(kept[..., None], detections.confidence, 0.0))
 
 
-def agreement_share(cameras: Cameras, detections: Detections) -> float:
-    """Return the share of keypoints that agree between the views, 0 if nothing can be compared."""
+def agreement_share(cameras: Cameras, detections: Detections, **changes: Any) -> float:
+    """Return the share of keypoints that agree with ``changes`` of the interpretation, 0 if nothing can be compared."""
     evidence = TakeEvidence(cameras, detections)
     if not evidence.poses or evidence.views < 2:
         return 0.0
-    return float(evidence.quick().noise([Reading.as_written(evidence.views)]).share[0])
+    return float(evidence.noise([replace(Reading.as_written(evidence.views), **changes)]).share[0])
 
 
 def person_size(xy: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from solver_backend.agreement.evidence import (
     UNRELATED_NOISE,
     UNRELATED_OUTLIERS,
     TakeEvidence,
+    agreement_share,
     fit_noise,
     log_density,
 )
@@ -35,7 +36,7 @@ from solver_backend.agreement.hypotheses import (
     one_window,
     windows,
 )
-from solver_backend.agreement.reading import Reading
+from solver_backend.agreement.reading import Reading, apply_reading
 from solver_backend.types import Cameras, Detections
 
 BEAM, MOST_FAULTS = 6, 2
@@ -271,24 +272,23 @@ class _Search:
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
         # All of these explain the capture equally well, so the one with the fewest changes is the most likely.
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), s.reading.is_cropped, -s.total))
-        others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
-        others = [s for s in others if not self._absorbs(s, chosen)]
+        others = [s for s in table[1:] if not (s is chosen or chosen.body.is_same(s.body) or self._absorbs(s, chosen))]
         changes = changes_of(chosen.reading)
         rest = self.score([without for *_, without in changes])  # Each change must be needed, too.
         leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in rest]
         margins = ((total - s.total, self.describe(s.reading)) for total, s in leads)
         margin, runner_up = min(margins, default=(np.inf, ""))
-        shares = self.evidence.noise([chosen.reading, self.written]).share.tolist()
-        # The views of one person have less noise than unrelated views. Among several people they may show another one.
-        related = chosen.epipolar >= BOUND and (shares[0] > 0 or not self.is_alone)
+        # Of several people, the shared ones are known only with the correct interpretation.
+        read = apply_reading(self.evidence.cameras, self.evidence.detections, chosen.reading)
+        share = agreement_share(*read, late=chosen.reading.late, left_out=chosen.reading.left_out)
+        related = chosen.epipolar >= BOUND and share > 0
         if chosen.reading == self.written or not related or margin < BOUND:
             best = (self.describe(chosen.reading), runner_up) if related and chosen.reading != self.written else ()
             return Explanation(self.written, (), self._pairs_agree(self.written), margin, runner_up, best)
-        applied = tuple(
-            Applied(code, views, meaning, chosen.total - score.total)
-            for (code, views, meaning, _), score in zip(changes, rest, strict=True)
-        )
-        return Explanation(chosen.reading, applied, self._pairs_agree(chosen.reading), margin, runner_up, (), *shares)
+        gains = [chosen.total - score.total for score in rest]
+        applied = tuple(Applied(*change[:3], gain) for change, gain in zip(changes, gains, strict=True))
+        before, agrees = float(self.evidence.noise([self.written]).share[0]), self._pairs_agree(chosen.reading)
+        return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), share, before)
 
     def describe(self, reading: Reading) -> str:
         """Describe an interpretation in text for users."""

@@ -38,12 +38,13 @@ def upside_down(recording: Recording) -> Recording:
 
 def mirrored(recording: Recording, chosen: np.ndarray) -> Recording:
     """Return the recording with mirrored pictures of some cameras, so that the detector exchanges sides."""
-    xy, order = recording.xy.copy(), list(JointSet.BODY_25.mirrored())
+    xy, confidence, order = recording.xy.copy(), recording.confidence.copy(), list(JointSet.BODY_25.mirrored())
     for c in chosen:
         xy[c, ..., 0] = recording.cameras.image_size[c, 0] - 1 - xy[c, ..., 0]
-        people = xy[c].reshape(len(xy[c]), -1, len(order), 2)
-        xy[c] = people[:, :, order].reshape(xy[c].shape)
-    return replace(recording, xy=xy)
+        for values in (xy, confidence):
+            people = values[c].reshape(len(xy[c]), -1, len(order), *values.shape[3:])
+            values[c] = people[:, :, order].reshape(values[c].shape)
+    return replace(recording, xy=xy, confidence=confidence)
 
 
 def sides_exchanged(recording: Recording) -> Recording:
