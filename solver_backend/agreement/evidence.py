@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import count
+from itertools import count, product
 from typing import Any
 
 import numpy as np
@@ -373,9 +373,9 @@ def keep_shared(cameras: Cameras, detections: Detections) -> Detections:
     extents, size = size[..., None, None], size / np.maximum(size.max(2, keepdims=True), 1e-9)
     matches, total, links = np.zeros(size.shape, int), size.copy(), list[tuple[int, int, np.ndarray]]()
     for i, j in compared_pairs(views, EACH, NEIGHBOURS):
-        sides = ((rays[i, :, p, None], extents[i, :, p, None], rays[j], extents[j]) for p in people)
+        sides = ((rays[i, :, p], extents[i, :, p], rays[j, :, q], extents[j, :, q]) for p, q in product(people, people))
         off = [quantile(np.abs(epipolar_distances(poses[i], poses[j], *side)), 0.5, -1) for side in sides]
-        apart = np.nan_to_num(np.stack(off, axis=1), nan=np.inf)
+        apart = np.nan_to_num(np.stack(off, axis=-1), nan=np.inf).reshape(-1, len(people), len(people))
         best = (apart == apart.min(1, keepdims=True)) & (apart == apart.min(2, keepdims=True)) & (apart < MOVED)
         links += [(i, j, best), (j, i, best.swapaxes(1, 2))]
     for i, j, alike in links:
