@@ -34,7 +34,7 @@ def compared_keypoints(joint_set: JointSet, parts: tuple[str, ...] = ()) -> tupl
     """Select the nose and limbs, or other ``parts``. Return their columns, and the index of each mirror image."""
     names, parts = joint_set.keypoints, parts or LIMBS["arms"] + LIMBS["legs"]
     wanted = ["nose", *(f"{side}_{name}" for name in parts for side in ("left", "right"))]
-    columns = np.array([names.index(name) for name in wanted if name in names])
+    columns = np.array([names.index(name) for name in wanted if name in names], int)
     mirrored = np.array(joint_set.mirrored())[columns]
     return columns, np.array([int(np.flatnonzero(columns == m)[0]) for m in mirrored])
 
