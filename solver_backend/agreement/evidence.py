@@ -388,12 +388,12 @@ def keep_shared(cameras: Cameras, detections: Detections) -> Detections:
     return replace(detections, confidence=np.where(kept[..., None], detections.confidence, 0.0))
 
 
-def agreement_share(cameras: Cameras, detections: Detections, **changes: Any) -> float:
-    """Return the share of keypoints that agree with ``changes`` of the interpretation, 0 if nothing can be compared."""
+def agreement_share(cameras: Cameras, detections: Detections) -> float:
+    """Return the share of keypoints that agree between the views, 0 if nothing can be compared."""
     evidence = TakeEvidence(cameras, detections)
     if not evidence.poses or evidence.views < 2:
         return 0.0
-    return float(evidence.noise([replace(Reading.as_written(evidence.views), **changes)]).share[0])
+    return float(evidence.quick().noise([Reading.as_written(evidence.views)]).share[0])
 
 
 def person_size(xy: np.ndarray) -> np.ndarray:

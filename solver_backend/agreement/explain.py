@@ -19,7 +19,6 @@ from solver_backend.agreement.evidence import (
     UNRELATED_NOISE,
     UNRELATED_OUTLIERS,
     TakeEvidence,
-    agreement_share,
     fit_noise,
     log_density,
 )
@@ -274,20 +273,21 @@ class _Search:
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), s.reading.is_cropped, -s.total))
         others = [s for s in table[1:] if not (s is chosen or chosen.body.is_same(s.body) or self._absorbs(s, chosen))]
         changes = changes_of(chosen.reading)
-        rest = self.score([without for *_, without in changes])  # Each change must be needed, too.
-        leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in rest]
+        needed = self.score([without for *_, without in changes])  # Each change must be needed, too.
+        leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in needed]
         margins = ((total - s.total, self.describe(s.reading)) for total, s in leads)
         margin, runner_up = min(margins, default=(np.inf, ""))
-        # Of several people, the shared ones are known only with the correct interpretation.
-        read = apply_reading(self.evidence.cameras, self.evidence.detections, chosen.reading)
-        share = agreement_share(*read, late=chosen.reading.late, left_out=chosen.reading.left_out)
-        related = chosen.epipolar >= BOUND and share > 0
+        # Of several people, the shared ones are known only with the correct interpretation. All views then agree.
+        read = TakeEvidence(*apply_reading(self.evidence.cameras, self.evidence.detections, chosen.reading))
+        rest = replace(self.written, late=chosen.reading.late, left_out=chosen.reading.left_out)
+        share, agrees = float(read.noise([rest]).share[0]), bool(read.pair_noise(rest)[1].is_related.all())
+        related = chosen.epipolar >= BOUND and share > 0 if self.is_alone else agrees
         if chosen.reading == self.written or not related or margin < BOUND:
             best = (self.describe(chosen.reading), runner_up) if related and chosen.reading != self.written else ()
             return Explanation(self.written, (), self._pairs_agree(self.written), margin, runner_up, best)
-        gains = [chosen.total - score.total for score in rest]
+        gains = [chosen.total - score.total for score in needed]
         applied = tuple(Applied(*change[:3], gain) for change, gain in zip(changes, gains, strict=True))
-        before, agrees = float(self.evidence.noise([self.written]).share[0]), self._pairs_agree(chosen.reading)
+        before = float(self.evidence.noise([self.written]).share[0])
         return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), share, before)
 
     def describe(self, reading: Reading) -> str:
