@@ -220,8 +220,8 @@ class TakeEvidence:
         if key not in self._poses:
             owner, pose, graphics, moved = key
             read = corrected(self._cameras[owner], [CameraCorrection(pose=pose, graphics=graphics)])
-            fitted = (read.R[0], read.t[0]) if moved is None else (np.reshape(moved[:9], (3, 3)), np.array(moved[9:]))
-            self._poses[key] = fitted
+            fitted = None if moved is None else (np.reshape(moved[:9], (3, 3)), np.array(moved[9:]))
+            self._poses[key] = fitted or (read.R[0], read.t[0])
         return self._poses[key]
 
     def _numbered(self, readings: Sequence[Reading]) -> np.ndarray:

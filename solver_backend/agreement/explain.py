@@ -277,9 +277,10 @@ class _Search:
         leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in needed]
         margins = ((total - s.total, self.describe(s.reading)) for total, s in leads)
         margin, runner_up = min(margins, default=(np.inf, ""))
-        # Of several people, the shared ones are known only with the correct interpretation. All views then agree.
-        read = TakeEvidence(*apply_reading(self.evidence.cameras, self.evidence.detections, chosen.reading))
-        rest = replace(self.written, late=chosen.reading.late, left_out=chosen.reading.left_out)
+        read, rest = self.evidence, chosen.reading
+        if not self.is_alone and rest != self.written:  # The shared people are known only under the correct one.
+            read = TakeEvidence(*apply_reading(read.cameras, read.detections, rest))
+            rest = replace(self.written, late=rest.late, left_out=rest.left_out)
         share, agrees = float(read.noise([rest]).share[0]), bool(read.pair_noise(rest)[1].is_related.all())
         related = chosen.epipolar >= BOUND and share > 0 if self.is_alone else agrees
         if chosen.reading == self.written or not related or margin < BOUND:
