@@ -323,7 +323,7 @@ def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
 
     half = len(SMOOTHING) // 2
     enough = np.isfinite(around(xy)).sum(-1) > half
-    return around(np.where(enough, quantile(around(xy), 0.5, axis=-1, method="lower"), np.nan)) @ SMOOTHING
+    return around(np.where(enough, quantile(around(xy), 0.5, axis=-1), np.nan)) @ SMOOTHING
 
 
 def tracks_at(tracks: np.ndarray, times: np.ndarray) -> np.ndarray:

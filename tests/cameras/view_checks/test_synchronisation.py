@@ -93,6 +93,17 @@ def test_half_a_second_of_cameras_in_step_has_no_delay(shared_data, tmp_path):
     assert not estimated(load_capture(folder)).moved.any()
 
 
+def test_missing_keypoints_of_a_walking_person_make_no_delay(capture):
+    points = capture.truth["keypoints3d"].copy()
+    points[..., 0] += np.linspace(-1.5, 1.5, len(points))[:, None]
+    walking = late(replace(capture, truth={"keypoints3d": points}), np.zeros(4)).keypoints
+    missing = np.random.default_rng(0).uniform(size=walking.confidence.shape) < 0.3
+    xy = np.where(missing[..., None], np.nan, walking.xy)
+    found = estimated(replace(capture, keypoints=replace(walking, xy=xy)))
+    np.testing.assert_allclose(found.frames, 0.0, atol=0.15)
+    assert not found.moved.any()
+
+
 def test_three_views(capture):
     true = np.array([0.0, 2.0, 0.0, 0.0])
     np.testing.assert_allclose(estimated(late(capture, true).views([0, 1, 2])).frames, true[:3], atol=0.35)
