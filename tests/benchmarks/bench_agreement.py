@@ -15,7 +15,7 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -160,12 +160,13 @@ def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
     cpu = time.process_time() - start
     error, delays = error_mm(spoiled, detections, filmed.truth, found)
     good, changed = error <= max(WITHIN * usual, LEAST_MM), found.changed or bool(delays.moved.any())
+    in_time = all(applied.code == "camera_late" for applied in found.applied)
     if kind == "as it should be":
         state = "wrong" if changed and not good else "changed" if changed else "right"
     elif good or (kind == "one of another take" and found.reading.left_out):
         state = "repaired" if changed else "harmless"
-    elif found.open or found.reading.left_out or not found.agrees or (not changed and np.isnan(delays.frames).any()):
-        state = "named"
+    elif found.open or found.reading.left_out or not found.agrees or (in_time and np.isnan(delays.frames).any()):
+        state = "named"  # The solve reports unknown delays.
     else:
         state = "wrong" if changed else "silent"
     what = "; ".join(f"{a.code} {a.meaning} {a.gain:.0f}" for a in found.applied) or " | ".join(found.open)
@@ -174,25 +175,18 @@ def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
     return state, f"{line} cpu {cpu:4.1f} {what} [next: {found.runner_up}]"
 
 
-def tried_cases(
-    takes: tuple[MotionTake, ...], kinds: Iterable[str], chosen: Collection[int] = ()
-) -> Iterator[tuple[str, str, str]]:
-    """Yield the kind, state and line of each case.
-
-    Args:
-        chosen: numbers of takes, by default all.
-    """
+def tried_cases(takes: Mapping[int, MotionTake], kinds: Iterable[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield the kind, state and line of each case. The keys of ``takes`` are seeds of their noise."""
     place, known = os.environ.get("AGREEMENT_RECORD", ""), dict[str, list[str]]()
     if place and Path(place).exists():
         known = dict(json.loads(line) for line in Path(place).read_text("utf-8").splitlines())
-    for (seed, take), kind in product(enumerate(takes), kinds):
-        if not chosen or seed in chosen:
-            name = f"{take} {kind}"
-            state, line = known.get(name) or try_case(take, kind, seed)
-            if place and name not in known:
-                with Path(place).open("a", encoding="utf-8") as lines:
-                    lines.write(json.dumps([name, [state, line]]) + "\n")
-            yield kind, state, line
+    for (seed, take), kind in product(takes.items(), kinds):
+        name = f"{take} {kind}"
+        state, line = known.get(name) or try_case(take, kind, seed)
+        if place and name not in known:
+            with Path(place).open("a", encoding="utf-8") as lines:
+                lines.write(json.dumps([name, [state, line]]) + "\n")
+        yield kind, state, line
 
 
 GROUPS = {"plain": {"as it should be"}, "static": STATIC, "unknown": UNKNOWN, "delay": DELAYS, "two": TWO}
@@ -201,11 +195,10 @@ GROUPS = {"plain": {"as it should be"}, "static": STATIC, "unknown": UNKNOWN, "d
 def run() -> list[Metric]:
     """Count the results of the held-out takes, with separate counts for takes with two people."""
     states = dict[str, Counter[str]]()
-    for kind, state, _ in tried_cases(tuple(take for take in HELD_OUT if not take.company), KINDS):
-        group = next(name for name, kinds in GROUPS.items() if kind in kinds)
-        states.setdefault(group, Counter())[state] += 1
-    for _, state, _ in tried_cases(tuple(take for take in HELD_OUT if take.company), KINDS):
-        states.setdefault("company", Counter())[state] += 1
+    for seed, take in enumerate(HELD_OUT):
+        for kind, state, _ in tried_cases({seed: take}, KINDS):
+            group = next(name for name, kinds in GROUPS.items() if kind in kinds)
+            states.setdefault("company" if take.company else group, Counter())[state] += 1
     metrics = list[Metric]()
     for group, counts in states.items():
         good = counts["right"] + counts["repaired"] + counts["harmless"]
@@ -225,7 +218,9 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--takes", type=int, nargs="*", help="numbers of takes", default=())
     args = parser.parse_args(argv)
     counts: dict[str, Counter[str]] = {}
-    for kind, state, line in tried_cases(HELD_OUT if args.held_out else FITTED, args.kinds or KINDS, args.takes):
+    takes = dict(enumerate(HELD_OUT if args.held_out else FITTED))
+    takes = {seed: take for seed, take in takes.items() if seed in (args.takes or takes)}
+    for kind, state, line in tried_cases(takes, args.kinds or KINDS):
         counts.setdefault(kind, Counter())[state] += 1
         sys.stdout.write(line + "\n")
         sys.stdout.flush()

@@ -6,6 +6,7 @@ last several frames, differ by keypoint and view, and are sometimes large.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +42,7 @@ class MotionTake:
     clip: str
     """File of ``motion_cmu/asfamc``."""
     layout: str = "ring 4"
-    """One of ``LAYOUTS``."""
+    """A layout of ``cameras_of``."""
     noise: float = 1.0
     """Factor on the detector's usual noise."""
     frames: int = 240
@@ -108,7 +109,7 @@ def detect(
     xy = project(cameras, points)
     xy = np.asarray(xy).reshape(len(cameras), *points.shape[:2], 2)
     seen = np.isfinite(xy).all(-1) & ((xy >= 0) & (xy < SIZE)).all(-1)
-    height = np.nanmax(xy[..., 1], axis=-1) - np.nanmin(xy[..., 1], axis=-1)
+    height = np.minimum(np.nanmax(xy[..., 1], axis=-1) - np.nanmin(xy[..., 1], axis=-1), SIZE[1])
     step = rng.normal(size=xy.shape)
     error = np.empty_like(step)
     error[:, 0] = step[:, 0]
@@ -125,7 +126,13 @@ def detect(
 
 
 def cameras_of(layout: str) -> Cameras:
-    """Return the cameras of a layout. They look at a point 0.95 m above the floor's centre."""
+    """Return the cameras of a layout. They look at a point 0.95 m above the floor's centre.
+
+    ``random N`` has 2 to 16 cameras that look near this point, with other focal lengths and lenses.
+    """
+    name, _, seed = layout.partition(" ")
+    if name == "random":
+        return _random_cameras(np.random.default_rng([int(seed), 1]))
     place = {
         "ring 4": [(90 * k + 20, 4.2, 1.6 + 0.2 * k) for k in range(4)],
         "ring 8": [(45 * k + 10, 4.5, 1.4 + 0.1 * k) for k in range(8)],
@@ -133,20 +140,41 @@ def cameras_of(layout: str) -> Cameras:
         "side 3": [(-50, 4.5, 1.4), (5, 4.0, 1.6), (55, 4.4, 1.9)],
         "overhead": [(0, 4.2, 1.5), (120, 4.4, 1.7), (240, 4.0, 1.6), (45, 1.0, 4.3)],
     }[layout]
+    count = np.arange(len(place))
+    aims = np.tile([0.0, 0.0, 0.95], (len(place), 1))
+    distortion = np.tile([0.03, -0.02, 0.0005, -0.0003, 0.0, 0.0, 0.0, 0.0], (len(place), 1))
+    return _cameras(place, aims, 1150.0 + 30 * count, distortion, np.stack([955.0 + 4 * count, 545.0 - 3 * count], 1))
+
+
+def _random_cameras(rng: np.random.Generator) -> Cameras:
+    count = int(rng.choice([2, 3, 3, 4, 4, 5, 6, 8, 10, 12, 16]))
+    arc = 120.0 if count == 2 else float(rng.choice([360, 360, 200, 120]))
+    angles = (np.arange(count) + rng.uniform(-0.2, 0.2, count)) * arc / (count if arc == 360.0 else count - 1)
+    away = rng.uniform(2.8, 6.0) * rng.uniform(0.85, 1.2, count)
+    place = np.stack([angles + rng.uniform(0, 360), away, rng.uniform(0.6, 2.8, count)], axis=1)
+    aims = rng.normal(size=(count, 3)) * [0.15, 0.15, 0.1] + [0.0, 0.0, 0.95]
+    focal = SIZE[0] * rng.uniform(0.45, 0.8) * rng.uniform(0.95, 1.05, count)
+    distortion = np.zeros((count, 8))
+    distortion[:, :2] = rng.uniform(-0.1, 0.05), rng.uniform(-0.03, 0.03)
+    return _cameras(place.tolist(), aims, focal, distortion, np.array(SIZE) / 2 + 12 * rng.normal(size=(count, 2)))
+
+
+def _cameras(
+    place: Sequence[Sequence[float]], aims: np.ndarray, focal: np.ndarray, distortion: np.ndarray, middle: np.ndarray
+) -> Cameras:
+    """Return level cameras at angles in degrees, distances and heights in m, which look at ``aims``."""
     count = len(place)
     R, t, K = np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros((count, 3, 3))
     for c, (degrees, away, height) in enumerate(place):
         angle = np.radians(degrees)
         centre = np.array([away * np.cos(angle), away * np.sin(angle), height])
-        z = np.array([0.0, 0.0, 0.95]) - centre
+        z = aims[c] - centre
         z /= np.linalg.norm(z)
         x = np.cross(z, [0.0, 0.0, 1.0])
         x /= np.linalg.norm(x)
         R[c] = np.stack([x, np.cross(z, x), z])
         t[c] = -R[c] @ centre
-        focal = 1150.0 + 30 * c
-        K[c] = [[focal, 0.0, 955.0 + 4 * c], [0.0, focal, 545.0 - 3 * c], [0.0, 0.0, 1.0]]
-    distortion = np.tile([0.03, -0.02, 0.0005, -0.0003, 0.0, 0.0, 0.0, 0.0], (count, 1))
+        K[c] = [[focal[c], 0.0, middle[c, 0]], [0.0, focal[c], middle[c, 1]], [0.0, 0.0, 1.0]]
     return Cameras(tuple(f"cam{c + 1}" for c in range(count)), K, distortion, R, t, np.tile(SIZE, (count, 1)))
 
 
