@@ -13,9 +13,10 @@ import numpy as np
 
 from solver_backend.agreement.reading import (
     MIN_POINTS,
-    PictureReading,
-    Pose,
+    PointsKey,
+    PoseKey,
     Reading,
+    ViewKey,
     compared_keypoints,
     extent,
     main_person,
@@ -125,11 +126,6 @@ take. People who run, leap or tumble exceed it, and show little about gravity.""
 EACH, NEIGHBOURS = 8, 3  # Up to this number of cameras all pairs are compared, beyond it neighbours on either side.
 _BODY = ("eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
 
-PointsKey = tuple[int, int, PictureReading, bool, int]
-"""View, calibrated camera, image interpretation, swapped sides, delay in frames."""
-PoseKey = tuple[int, str, bool, Pose | None]  # Calibrated camera, and the interpretation of its pose.
-ViewKey = tuple[PointsKey, PoseKey]
-
 
 @dataclass(frozen=True)
 class ViewRays:
@@ -141,12 +137,6 @@ class ViewRays:
 
 
 SeenView = tuple[ViewRays, np.ndarray, np.ndarray]  # Rays, rotation (3, 3) and translation (3,) of the camera.
-
-
-def _key(reading: Reading, view: int) -> ViewKey:
-    owner = reading.owners[view]
-    points = (view, owner, reading.pictures[view], reading.sides[view], reading.late[view])
-    return points, (owner, reading.pose, reading.graphics, reading.moved[view])
 
 
 class TakeEvidence:
@@ -226,7 +216,7 @@ class TakeEvidence:
 
     def _numbered(self, readings: Sequence[Reading]) -> np.ndarray:
         """Return the numbers (N, V) of the interpretations of the views, which are prepared here if they are new."""
-        keys = [_key(reading, view) for reading in readings for view in range(self.views)]
+        keys = [reading.of_view(view) for reading in readings for view in range(self.views)]
         new = dict.fromkeys(key for key in keys if key not in self._numbers)
         missing: dict[tuple[int, int], list[PointsKey]] = {}
         for points in dict.fromkeys(points for points, _ in new if points not in self._points):

@@ -268,6 +268,11 @@ class _Search:
         if self.is_alone and self.evidence.views > 2:  # All must beat the hypothesis of one bad camera.
             likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
         table = sorted(self.score([r for r in dict.fromkeys(likely) if self._fits(r)]), key=lambda s: -s.total)
+        # If all views but one agree without a correction, a correction may not make them agree less than they do.
+        rest = [self.evidence.fits_of(self.written, [view]) for view in self.quick.suspects if self.is_alone]
+        least = max((fit.density[1] for fit in rest if fit.is_related[1]), default=-np.inf) - np.log(AGREED_TIMES)
+        exempt = {self.written, *(reading for reading in likely if reading.left_out)}
+        table = [s for s in table if s.reading in exempt or self.evidence.noise([s.reading]).density[0] > least]
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
         # All of these explain the capture equally well, so the one with the fewest changes is the most likely.
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), s.reading.is_cropped, -s.total))
@@ -275,21 +280,21 @@ class _Search:
         changes = changes_of(chosen.reading)
         needed = self.score([without for *_, without in changes])  # Each change must be needed, too.
         leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in needed]
-        margins = ((total - s.total, self.describe(s.reading)) for total, s in leads)
-        margin, runner_up = min(margins, default=(np.inf, ""))
-        read, rest = self.evidence, chosen.reading
-        if not self.is_alone and rest != self.written:  # The shared people are known only under the correct one.
-            read = TakeEvidence(*apply_reading(read.cameras, read.detections, rest))
-            rest = replace(self.written, late=rest.late, left_out=rest.left_out)
-        share, agrees = float(read.noise([rest]).share[0]), bool(read.pair_noise(rest)[1].is_related.all())
-        related = chosen.epipolar >= BOUND and share > 0 if self.is_alone else agrees
+        margin, runner_up = min(((lead - s.total, self.describe(s.reading)) for lead, s in leads), default=(np.inf, ""))
+        read, under = self.evidence, chosen.reading
+        if not self.is_alone and under != self.written:  # The shared people are known only under the correct one.
+            read = TakeEvidence(*apply_reading(read.cameras, read.detections, under))
+            under = replace(self.written, late=under.late, left_out=under.left_out)
+        noise, agrees = read.noise([under]), bool(read.pair_noise(under)[1].is_related.all())
+        is_body = noise.sigma[0] <= MOVED and chosen.body.terms["handed"] > -BOUND
+        related = chosen.epipolar >= BOUND and is_body if self.is_alone else agrees
         if chosen.reading == self.written or not related or margin < BOUND:
             best = (self.describe(chosen.reading), runner_up) if related and chosen.reading != self.written else ()
             return Explanation(self.written, (), self._pairs_agree(self.written), margin, runner_up, best)
         gains = [chosen.total - score.total for score in needed]
         applied = tuple(Applied(*change[:3], gain) for change, gain in zip(changes, gains, strict=True))
         before = float(self.evidence.noise([self.written]).share[0])
-        return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), share, before)
+        return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), float(noise.share[0]), before)
 
     def describe(self, reading: Reading) -> str:
         """Describe an interpretation in text for users."""

@@ -96,6 +96,9 @@ class PictureReading:
 
 
 PLAIN = PictureReading()
+PointsKey = tuple[int, int, PictureReading, bool, int]  # View, calibrated camera, image, swapped sides, delay.
+PoseKey = tuple[int, str, bool, Pose | None]  # Calibrated camera, pose convention, camera axes, fitted pose.
+ViewKey = tuple[PointsKey, PoseKey]
 
 
 @dataclass(frozen=True)
@@ -130,14 +133,15 @@ class Reading:
         rows = {name: getattr(self, name) for name in values}
         return replace(self, **{name: (*row[:view], values[name], *row[view + 1 :]) for name, row in rows.items()})
 
-    def of_view(self, view: int) -> tuple[Any, ...]:
-        """Return everything that the interpretation says of one view."""
-        rows = self.pictures, self.owners, self.sides, self.moved, self.late
-        return self.pose, self.graphics, view in self.left_out, *(row[view] for row in rows)
+    def of_view(self, view: int) -> ViewKey:
+        """Return how one view is interpreted."""
+        points = view, self.owners[view], self.pictures[view], self.sides[view], self.late[view]
+        return points, (self.owners[view], self.pose, self.graphics, self.moved[view])
 
     def differs_in(self, other: Reading) -> set[int]:
         """Return the views that the other interpretation treats differently."""
-        return {view for view in range(len(self.owners)) if self.of_view(view) != other.of_view(view)}
+        changed = {view for view in range(len(self.owners)) if self.of_view(view) != other.of_view(view)}
+        return changed | {*self.left_out} ^ {*other.left_out}
 
     @property
     def is_cropped(self) -> bool:

@@ -86,14 +86,11 @@ def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None
     readings += [replace(written, pose=pose, graphics=axes) for pose, axes in product(POSES, (False, True))]
     found = {r: float(np.median(_strengths(*apply_reading(cameras, detections, r)))) for r in dict.fromkeys(readings)}
     best = max(found, key=lambda reading: found[reading])
-    rivals = [found[reading] for reading in found if _differ(reading, best)]
+    kinds = {r: (r.pose, r.graphics, r.pictures[0].turn, r == written) for r in found}
+    size = {r: float(np.log(r.pictures[0].size)) for r in found}
+    rivals = [found[r] for r in found if kinds[r] != kinds[best] or abs(size[r] - size[best]) > SPREAD]
     clear = found[best] >= LEAST_STRENGTH and max(rivals) < RIVAL_SHARE * found[best]
     return best if clear and best != written else None
-
-
-def _differ(one: Reading, other: Reading) -> bool:
-    kinds = [(r.pose, r.graphics, r.pictures[0].turn, r == Reading.as_written(len(r.owners))) for r in (one, other)]
-    return kinds[0] != kinds[1] or abs(np.log(one.pictures[0].size / other.pictures[0].size)) > SPREAD
 
 
 def common_rows(offsets: np.ndarray, lengths: np.ndarray, *, every: bool = False) -> tuple[int, int]:
