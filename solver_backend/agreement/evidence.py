@@ -17,9 +17,10 @@ from solver_backend.agreement.reading import (
     PoseKey,
     Reading,
     ViewKey,
+    apply_reading,
     compared_keypoints,
     extent,
-    main_person,
+    largest_people,
     sample,
     sightings,
     unmirror,
@@ -36,6 +37,7 @@ LEAST_NOISE = 0.002  # In person sizes. Smaller noise is rounding or comes from 
 OUTLIER_DENSITY = 0.5  # Density of outliers, uniform over twice the person's size.
 UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
 """Noise in person sizes and outlier rate beyond which views do not show one body."""
+MATCHING_SHARE = 1.0 - UNRELATED_OUTLIERS  # Smallest share of matching frames or detections: all but the outliers.
 CENTRES = np.geomspace(1e-3, 3.0, 98)  # Centres of the distance bins, in person sizes.
 BINS = len(CENTRES)
 
@@ -69,12 +71,10 @@ def log_density(distance: np.ndarray, sigma: np.ndarray | float, outliers: np.nd
     return np.log(_normal(distance, sigma, outliers) + outliers * OUTLIER_DENSITY)
 
 
-def _mean_log_density(sigma: float, outliers: float) -> float:
-    inner = (1 - outliers) * (np.log(1 - outliers) - np.log(sigma * np.sqrt(2 * np.pi)) - 0.5)
-    return float(inner + outliers * np.log(outliers * OUTLIER_DENSITY))
-
-
-UNRELATED = _mean_log_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)  # Mean log density of unrelated views.
+UNRELATED = float(
+    (1 - UNRELATED_OUTLIERS) * np.log(_normal(np.zeros(1), UNRELATED_NOISE, UNRELATED_OUTLIERS)[0] / np.sqrt(np.e))
+    + UNRELATED_OUTLIERS * np.log(UNRELATED_OUTLIERS * OUTLIER_DENSITY)
+)  # Mean log density of unrelated views.
 
 
 def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -115,6 +115,7 @@ MOST_ROUNDS = 20  # Largest number of iterations.
 SCALES = 0.3, 0.1, 0.03  # Decreasing scales of robust weights, in person sizes.
 STRIDE = 3  # Frames between compared delays, and shortest delay that the search of readings considers.
 LEAST_CAMERAS = 3  # Two views have only one pair of epipolar lines and agree by chance too easily.
+PEOPLE = 3  # Largest number of people in each image that are compared if it is unknown which ones all views show.
 POSES, SAMPLED_FRAMES = 40, 300  # Largest numbers of independent poses, and of frames for measuring delays.
 FRAMES = STRIDE * POSES  # Largest number of frames with likelihoods: on average one per stride of each pose.
 MOVED = 0.04
@@ -142,14 +143,18 @@ SeenView = tuple[ViewRays, np.ndarray, np.ndarray]  # Rays, rotation (3, 3) and 
 class TakeEvidence:
     """Epipolar distances between views, for any interpretation of a take's files. Results of pairs are cached."""
 
-    def __init__(self, cameras: Cameras, detections: Detections) -> None:
-        """Choose the frames of C views to compare. Only one person in each image is compared."""
+    def __init__(self, cameras: Cameras, detections: Detections, read: Reading | None = None, people: int = 1) -> None:
+        """Choose frames of C views, and in each image the person who is shared under ``read``, or several people."""
         self.cameras, self.detections, names = cameras, detections, detections.joint_set.keypoints
-        columns, self._mirror = compared_keypoints(detections.joint_set, _BODY)
+        self.read = read or Reading.as_written(len(detections.cameras))
+        columns, mirror = compared_keypoints(detections.joint_set, _BODY)
         self.names = [names[k] for k in columns]
-        self._xy = main_person(keep_shared(cameras, detections), every_keypoint=True)[..., columns, :]
-        self.views, self.num_frames = self._xy.shape[:2]
-        self.person_px = person_size(self._xy)
+        chosen = keep_shared(cameras, detections, read) if people == 1 else detections
+        xy = largest_people(chosen, people, every_keypoint=True)[..., columns, :]
+        self.views, self.num_frames, self.people = xy.shape[:3]
+        self._mirror = np.concatenate([mirror + len(columns) * person for person in range(self.people)])
+        self._xy = xy.reshape(self.views, self.num_frames, -1, 2)  # The keypoints of all people, one after another.
+        self.person_px = person_size(xy.reshape(self.views, -1, len(columns), 2))
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self.suspects = tuple(range(self.views))  # Views that may have a fault.
@@ -169,6 +174,11 @@ class TakeEvidence:
     def weight(self) -> np.ndarray:
         """(P,) weight of each frame. The weights of all frames with the same pose add up to 1."""
         return 1.0 / np.bincount(self.pose, minlength=1)[self.pose]
+
+    def under(self, reading: Reading) -> TakeEvidence:
+        """Return the evidence of the person who is shared under another interpretation."""
+        is_same = reading == self.read or self.detections.xy.shape[2] == 1
+        return self if is_same else TakeEvidence(self.cameras, self.detections, reading)
 
     def quick(self, poses: int = POSES) -> TakeEvidence:
         """Return smaller evidence, with one frame for each of at most ``poses`` poses."""
@@ -210,8 +220,7 @@ class TakeEvidence:
         if key not in self._poses:
             owner, pose, graphics, moved = key
             read = corrected(self._cameras[owner], [CameraCorrection(pose=pose, graphics=graphics)])
-            fitted = None if moved is None else (np.reshape(moved[:9], (3, 3)), np.array(moved[9:]))
-            self._poses[key] = fitted or (read.R[0], read.t[0])
+            self._poses[key] = (np.reshape(moved[:9], (3, 3)), np.array(moved[9:])) if moved else (read.R[0], read.t[0])
         return self._poses[key]
 
     def _numbered(self, readings: Sequence[Reading]) -> np.ndarray:
@@ -251,14 +260,21 @@ class TakeEvidence:
         return np.array([self._counts[code] for code in codes.tolist()])[place].reshape(-1, BINS)
 
     def _distances(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Return signed epipolar distances (S, P, J) of S pairs of numbered views, NaN for unseen keypoints."""
+        """Return signed epipolar distances (S, P, J) of the nearest people in S pairs of views, NaN where unseen."""
         sides = list[Any]()
         for numbers in (one, other):
             views, R, t = zip(*(self._seen[n] for n in numbers), strict=True)
-            sides += [(np.array(R), np.array(t)), np.array([v.rays.reshape(-1, 3) for v in views])]
-            sides.append(np.array([v.size for v in views])[:, None])
-        off = epipolar_distances(sides[0], sides[3], *sides[1:3], *sides[4:])
-        return off.reshape(len(one), len(self.frames), -1)
+            rays, size = np.array([v.rays.reshape(-1, 3) for v in views]), np.array([v.size for v in views])[:, None]
+            sides.append(((np.array(R), np.array(t)), rays, size))
+        (pose_a, a, size_a), (pose_b, b, size_b) = sides
+        place = np.arange(a.shape[1]).reshape(len(self.frames), self.people, -1)
+        orders = [np.roll(place, shift, axis=1).ravel() for shift in range(self.people)]
+        off = [epipolar_distances(pose_a, pose_b, a, size_a, b[:, order], size_b) for order in orders]
+        found = np.reshape(off, (self.people, len(one), *place.shape))
+        if self.people > 1:
+            apart = np.nan_to_num(quantile(np.abs(found), 0.5, -1), nan=np.inf)
+            found = np.take_along_axis(found, apart.argmin(0)[None, ..., None], 0)
+        return found[0].reshape(len(one), len(self.frames), -1)
 
     def distances(self, readings: Sequence[Reading]) -> np.ndarray:
         """Return (N, pairs, P, J) epipolar distances in person sizes for N interpretations.
@@ -349,16 +365,18 @@ def epipolar_distances(
         return np.einsum("...c,...c", rays_b, line_b) / np.sqrt(square_b + square_a + 1e-18)
 
 
-def keep_shared(cameras: Cameras, detections: Detections) -> Detections:
+def keep_shared(cameras: Cameras, detections: Detections, reading: Reading | None = None) -> Detections:
     """Keep one detection in each image with a person on whom ``LEAST_CAMERAS`` views, or both views, agree.
 
     If there are several such people, all views keep the one who is largest in all of them, relative to other people.
+    People are compared under ``reading``, by default the literal interpretation.
     """
     views, people = len(detections.cameras), range(detections.xy.shape[2])
     if len(people) == 1:
         return detections
-    xy = sightings(cameras.subset(list(range(views))), detections).xy
-    poses = list(zip(cameras.R, cameras.t, strict=True))
+    literal = cameras.subset(list(range(views))), detections
+    cameras, read = apply_reading(cameras, detections, reading) if reading else literal
+    xy, poses = sightings(cameras, read).xy, list(zip(cameras.R, cameras.t, strict=True))
     rays, size = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1), np.nan_to_num(extent(xy))
     extents, size = size[..., None, None], size / np.maximum(size.max(2, keepdims=True), 1e-9)
     matches, total, links = np.zeros(size.shape, int), size.copy(), list[tuple[int, int, np.ndarray]]()

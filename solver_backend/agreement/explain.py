@@ -16,6 +16,7 @@ from solver_backend.agreement.evidence import (
     EACH,
     LEAST_CAMERAS,
     MOVED,
+    PEOPLE,
     UNRELATED_NOISE,
     UNRELATED_OUTLIERS,
     TakeEvidence,
@@ -25,6 +26,7 @@ from solver_backend.agreement.evidence import (
 from solver_backend.agreement.hypotheses import (
     CAMERA_ROWS,
     FREE,
+    RANGE_ROWS,
     ROWS,
     Row,
     changes_of,
@@ -35,7 +37,7 @@ from solver_backend.agreement.hypotheses import (
     one_window,
     windows,
 )
-from solver_backend.agreement.reading import Reading, apply_reading
+from solver_backend.agreement.reading import Reading
 from solver_backend.types import Cameras, Detections
 
 BEAM, MOST_FAULTS = 6, 2
@@ -98,33 +100,34 @@ class Explanation:
         return bool(self.applied)
 
 
-def explain(
-    cameras: Cameras, detections: Detections, *, names_stated: bool = False, rows: Sequence[Row] = ROWS
-) -> Explanation:
+def explain(cameras: Cameras, detections: Detections, rows: Sequence[Row] = ROWS) -> Explanation:
     """Find the best interpretation of the files of C views. Keep the literal one unless another is certain.
 
-    ``rows`` are the hypotheses to try. Swapped names are not tried if the user states the names. Conventions that all
-    files share are tried only with ``ROWS``.
+    ``rows`` are the hypotheses to try. Conventions that all files share are tried, too, except with ``RANGE_ROWS``.
     """
     evidence = TakeEvidence(cameras, detections)
     written = Reading.as_written(evidence.views)
     if evidence.views < 2 or not evidence.poses:
         return Explanation(written, (), agrees=False, margin=0.0, runner_up="")
-    people = detections.people()
-    alone = bool(people.any()) and float(np.median(people[people > 0])) == 1.0
-    search = _Search(evidence, rows, names_stated=names_stated, is_alone=alone)
+    search = _Search(evidence, rows)
     if search.agrees_without():
         return Explanation(written, (), agrees=True, margin=np.inf, runner_up="")
-    return search.decide()
+    if detections.xy.shape[2] > 1:  # Which people all views show is known only under the correct interpretation.
+        poses = 2 * BEAM if evidence.views <= EACH else BEAM  # for the time of many cameras, which show enough
+        everybody = _Search(TakeEvidence(cameras, detections, people=PEOPLE).quick(poses), rows)
+        ranked = [written] if everybody.agrees_without() else everybody.search()
+        if everybody.evidence.noise(ranked[:1]).sigma[0] <= MOVED:
+            search = _Search(evidence.under(ranked[0]), rows)
+            if search.agree(ranked[0]) and not ranked[0].left_out:
+                return search.decide(ranked)
+    return search.decide(search.search())
 
 
 class _Search:
-    def __init__(self, evidence: TakeEvidence, rows: Sequence[Row], *, names_stated: bool, is_alone: bool) -> None:
+    def __init__(self, evidence: TakeEvidence, rows: Sequence[Row]) -> None:
         self.evidence, self.quick, self.written = evidence, evidence.quick(), Reading.as_written(evidence.views)
         self.scout = self.quick.quick(2 * BEAM)
-        self.is_whole = rows is ROWS  # True for a whole take, with the conventions of its files.
-        self.rows = [row for row in rows if not (names_stated and row is exchange_names)]
-        self.is_alone = is_alone  # Among several people, a camera with a fault may show another one.
+        self.rows, self.is_whole = rows, rows is not RANGE_ROWS  # A whole take has conventions of its files.
         self.constraints = self.quick.comparisons()
         self.effect: float | None = None  # Bone lengths per independent one, for the most likely interpretation.
         self._proposed: dict[tuple[Row, Reading], list[Reading]] = {}
@@ -160,7 +163,7 @@ class _Search:
         found, beam = alike[: 2 * BEAM], list(dict.fromkeys([*alike[:BEAM], *partly, self.written]))
         for _ in range(MOST_FAULTS):
             named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOST_FAULTS]
-            starts = dict.fromkeys([*beam[:MOST_FAULTS], *named_alike]) if self.is_alone and self.is_whole else ()
+            starts = dict.fromkeys([*beam[:MOST_FAULTS], *named_alike]) if self.is_whole else ()
             likely = self._rank(self._propose(self.rows, beam), self.scout)[: 4 * BEAM]
             found = self._rank([*found, *likely, *self._propose(CAMERA_ROWS, starts)])
             # Keep some without swapped names, which would displace every fault to combine with a moved camera.
@@ -168,18 +171,18 @@ class _Search:
             beam, before = list(dict.fromkeys([*found[:BEAM], *plain[:BEAM], self.written])), beam
             if beam == before:
                 break
-        shown = self._shown(found[0], alike[0]) if self.is_whole and self.evidence.views > 2 else ()
+        is_fitted = self.is_whole and self.evidence.views > 2 and self.evidence.people == 1
+        shown = self._shown(found[0], alike[0]) if is_fitted else ()
         return self._rank([*found, *shown])
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
         """Return interpretations with another image crop, if such a crop fits better than ``best``."""
-        everybody = len(self.quick.suspects) == self.quick.views
-        starts = dict.fromkeys([best, self.written]) if everybody else ()
+        starts = dict.fromkeys([best, self.written]) if len(self.quick.suspects) == self.quick.views else ()
         free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
         own, *fitted = self.quick.noise([best, *free]).density.tolist()
         rows: list[Row] = [windows] if max(fitted, default=own) > own + AS_EXACT else []
         is_uniform = len({*zip(best.pictures, best.sides, strict=True)}) == 1 and not best.is_of_one_camera
-        rows += [one_window] if self.is_alone and not is_uniform else []
+        rows += [] if is_uniform else [one_window]
         shown = self._propose(rows, dict.fromkeys([common, self.written]))
         return self._rank(shown, self.scout)[:BEAM]
 
@@ -200,8 +203,9 @@ class _Search:
         if not kept.any():
             return False
         sigma, outliers = noise.sigma[kept], noise.outliers[kept]
-        if sigma.max() > min(MOVED, AGREED_TIMES * float(sigma.min())) or outliers.max() > UNRELATED_OUTLIERS:
-            return False
+        is_quiet = sigma.max() <= min(MOVED, AGREED_TIMES * float(sigma.min())) and outliers.max() <= UNRELATED_OUTLIERS
+        if not is_quiet or self.evidence.people > 1:
+            return bool(is_quiet)
         terms = judge_body(self.quick, replace(self.written, left_out=left_out)).terms
         return terms["upright"] > -BOUND and terms["handed"] > -BOUND
 
@@ -217,16 +221,16 @@ class _Search:
                 return tuple(sorted({view for left_out in found for view in left_out}))
         return tuple(range(views))
 
-    def _pairs_agree(self, reading: Reading) -> bool:
-        _, noise = self.quick.pair_noise(reading)
-        return bool(noise.is_related.all())
+    def agree(self, reading: Reading) -> bool:
+        """Return whether all views show one body under an interpretation, which determines the person they share."""
+        return bool(self.evidence.under(reading).quick().pair_noise(reading)[1].is_related.all())
 
     def _fits(self, reading: Reading) -> bool:
         """Return whether views with a fitted pose or image crop agree as well as the other views do."""
         common, _ = reading.common()
         views = [v for v, p in enumerate(reading.pictures) if reading.moved[v] or p.window != common.window]
         if not views:
-            return not reading.is_fitted or self._pairs_agree(reading)
+            return not reading.is_fitted or bool(self.quick.pair_noise(reading)[1].is_related.all())
         own, rest = self.quick.fits_of(reading, views).density
         return bool(own > rest - AS_EXACT)
 
@@ -236,9 +240,9 @@ class _Search:
         The likelihoods may be similar, or both interpretations may give the same body with similar noise. If only the
         best one has fitted parameters, which absorb calibration errors, the other one only needs views that agree.
         """
-        alike = self._is_as_quiet(other, best, absorbed=best.reading.is_fitted and not other.reading.is_fitted)
-        near = best.total - other.total < BOUND or (alike and best.body.is_same(other.body))
-        return near or self._absorbs(best, other)
+        absorbed = best.reading.is_fitted and not other.reading.is_fitted
+        alike = self._is_as_quiet(other, best, absorbed=absorbed) and best.body.is_same(other.body)
+        return best.total - other.total < BOUND or alike or self._absorbs(best, other)
 
     def _is_as_quiet(self, one: Scored, best: Scored, *, absorbed: bool = False) -> bool:
         """Return whether ``one`` has about the noise of ``best``, or with ``absorbed``, whether its views agree.
@@ -258,18 +262,17 @@ class _Search:
         """Return whether a fitted crop of the images only absorbs calibration errors, so that it is no evidence."""
         return cropped.reading.is_cropped and not plain.reading.is_cropped and self._is_as_quiet(plain, cropped)
 
-    def decide(self) -> Explanation:
-        """Return the winning interpretation, or the literal one if no other is certain."""
-        ranked = self.search()
-        likely = list(dict.fromkeys([*ranked[: 2 * BEAM], self.written]))
+    def decide(self, ranked: Sequence[Reading]) -> Explanation:
+        """Return the winner of a search, or the literal interpretation if no other one is certain."""
+        likely = list(dict.fromkeys([*self._rank(ranked)[: 2 * BEAM], self.written]))
         likely += [replace(r, sides=tuple(not side for side in r.sides)) for r in (*likely[:4], self.written)]
         for reading in likely:  # including the ones added here, because each has to beat all simpler ones
             likely += [without for *_, without in changes_of(reading) if without not in likely]
-        if self.is_alone and self.evidence.views > 2:  # All must beat the hypothesis of one bad camera.
+        if self.evidence.views > 2:  # All must beat the hypothesis of one bad camera.
             likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
         table = sorted(self.score([r for r in dict.fromkeys(likely) if self._fits(r)]), key=lambda s: -s.total)
         # If all views but one agree without a correction, a correction may not make them agree less than they do.
-        rest = [self.evidence.fits_of(self.written, [view]) for view in self.quick.suspects if self.is_alone]
+        rest = [self.evidence.fits_of(self.written, [view]) for view in self.quick.suspects]
         least = max((fit.density[1] for fit in rest if fit.is_related[1]), default=-np.inf) - np.log(AGREED_TIMES)
         exempt = {self.written, *(reading for reading in likely if reading.left_out)}
         table = [s for s in table if s.reading in exempt or self.evidence.noise([s.reading]).density[0] > least]
@@ -281,20 +284,15 @@ class _Search:
         needed = self.score([without for *_, without in changes])  # Each change must be needed, too.
         leads = [(table[0].total, s) for s in others] + [(chosen.total, s) for s in needed]
         margin, runner_up = min(((lead - s.total, self.describe(s.reading)) for lead, s in leads), default=(np.inf, ""))
-        read, under = self.evidence, chosen.reading
-        if not self.is_alone and under != self.written:  # The shared people are known only under the correct one.
-            read = TakeEvidence(*apply_reading(read.cameras, read.detections, under))
-            under = replace(self.written, late=under.late, left_out=under.left_out)
-        noise, agrees = read.noise([under]), bool(read.pair_noise(under)[1].is_related.all())
-        is_body = noise.sigma[0] <= MOVED and chosen.body.terms["handed"] > -BOUND
-        related = chosen.epipolar >= BOUND and is_body if self.is_alone else agrees
+        noise = self.evidence.noise([chosen.reading, self.written])
+        related = chosen.epipolar >= BOUND and noise.sigma[0] <= MOVED and chosen.body.terms["handed"] > -BOUND
         if chosen.reading == self.written or not related or margin < BOUND:
             best = (self.describe(chosen.reading), runner_up) if related and chosen.reading != self.written else ()
-            return Explanation(self.written, (), self._pairs_agree(self.written), margin, runner_up, best)
+            return Explanation(self.written, (), self.agree(self.written), margin, runner_up, best)
         gains = [chosen.total - score.total for score in needed]
         applied = tuple(Applied(*change[:3], gain) for change, gain in zip(changes, gains, strict=True))
-        before = float(self.evidence.noise([self.written]).share[0])
-        return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), float(noise.share[0]), before)
+        agrees = self.agree(chosen.reading)
+        return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), *noise.share.tolist())
 
     def describe(self, reading: Reading) -> str:
         """Describe an interpretation in text for users."""

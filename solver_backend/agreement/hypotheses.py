@@ -132,7 +132,7 @@ def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
-    if evidence.views < 3 or any(reading.moved):
+    if evidence.views < 3 or any(reading.moved) or evidence.people > 1:
         return
     for view in evidence.suspects:
         pose = refit_pose(evidence, reading, view, turned=turned)

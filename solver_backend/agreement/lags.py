@@ -15,12 +15,12 @@ import numpy as np
 from solver_backend.agreement.evidence import (
     EACH,
     FRAMES,
+    MATCHING_SHARE,
     MOST_ROUNDS,
     MOVED,
     NEIGHBOURS,
     SAMPLED_FRAMES,
     SIGMAS,
-    UNRELATED_OUTLIERS,
 )
 from solver_backend.agreement.reading import MIN_POINTS, extent
 from solver_backend.cameras.camera_corrections import compared_pairs
@@ -33,10 +33,6 @@ Tables = dict[tuple[int, int], np.ndarray]
 LEAST_STRENGTH = 1.0
 """Smallest mean number of matching frames per pair of a camera, times the square of their share. Simulated synchronised
 cameras reach 2.5 to 15, real ones with a poor calibration 1.2 to 5, unrelated cameras up to 0.5."""
-RIVAL_SHARE = 1.0 - UNRELATED_OUTLIERS
-"""Smallest share of the best gain with which frame numbers win, and with which another offset, rate or interpretation
-counts as an alternative. Frames match except for the outliers.
-"""
 
 
 def offset_profile(tables: Tables, camera: int, others: dict[int, int]) -> np.ndarray:
@@ -95,7 +91,7 @@ def rival_offsets(tables: Tables, best: np.ndarray, sure: np.ndarray, near: int)
             inside = (rows >= 0) & (rows <= 2 * reach)
             total += np.where(inside, offset_profile(tables, c, others)[np.clip(rows, 0, 2 * reach)], 0.0)
         rival = int(np.where(np.abs(changes) > near, total, -np.inf).argmax())
-        if total[rival] > RIVAL_SHARE * total[reach]:
+        if total[rival] > MATCHING_SHARE * total[reach]:
             shown = group[0] if group[0] else next(iter(others))
             change = int(changes[rival]) * (1 if group[0] else -1)
             found.setdefault(shown, (int(best[shown]), int(best[shown]) + change))

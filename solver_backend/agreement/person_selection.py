@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.agreement.body_evidence import MEAN_STATURE_M
-from solver_backend.agreement.evidence import LEAST_NOISE, SAMPLED_FRAMES, SIGMAS, UNRELATED_OUTLIERS
+from solver_backend.agreement.evidence import LEAST_NOISE, MATCHING_SHARE, SAMPLED_FRAMES, SIGMAS
 from solver_backend.agreement.person_tracks import (
     BRIDGE_S,
     TOLERANCE_M,
@@ -32,9 +32,6 @@ from solver_backend.types import Cameras, Detections, Keypoints2D
 
 USUAL_TIMES = 4.0  # Largest distance of a person's detection relative to the median. With 3.5, 1 % are missed.
 CLOSEST_M = 0.04  # Distance of a person's detection that is always accepted, in metres.
-SURE_SHARE = 1.0 - UNRELATED_OUTLIERS
-"""Share of a track from which its unusually distant detections are accepted too, and of a view's frames with one person
-in a view of one person. Such a view is unreliable if at most the rest of its detections is accepted."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +89,7 @@ def detections_of(
     seen_often = np.bincount(tracks[counted], minlength=size)
     right_often = np.bincount(tracks[counted], weights=close[counted].astype(float), minlength=size)
     share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
-    accepted = (close & (share >= 0.5)) | ((distance < TOLERANCE_M) & (share >= SURE_SHARE))
+    accepted = (close & (share >= 0.5)) | ((distance < TOLERANCE_M) & (share >= MATCHING_SHARE))
     return accepted, fit
 
 
@@ -100,8 +97,8 @@ def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
     """Return the views that usually show a single person, but rarely an accepted detection."""
     people = detections.people()
     seen = (people > 0).sum(1)
-    alone = (people == 1).sum(1) >= SURE_SHARE * seen
-    hardly = accepted.any(-1).sum(1) < (1 - SURE_SHARE) * seen
+    alone = (people == 1).sum(1) >= MATCHING_SHARE * seen
+    hardly = accepted.any(-1).sum(1) < (1 - MATCHING_SHARE) * seen
     return np.flatnonzero(alone & hardly & (seen > 0)) if len(people) > 2 else np.zeros(0, int)
 
 
@@ -289,7 +286,7 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
         where = ", ".join(detections.cameras)
         raise NoDetections("No person was detected.", where=where, hint="Run the detector again.")
     seen, size = np.bincount(tracks[shown]), np.bincount(tracks[shown], extent(points)[shown])
-    enough = seen >= (1 - SURE_SHARE) * seen.max()  # much shorter tracks are passers-by
+    enough = seen >= (1 - MATCHING_SHARE) * seen.max()  # much shorter tracks are passers-by
     kept = [n for n in np.argsort(-size, kind="stable").tolist() if enough[n] or n == size.argmax()]
     count = int((seen > 0).sum())
     others = [diagnostic("other_tracks", count=count - 1, solvable=len(kept) - 1)] if count > 1 else []

@@ -52,15 +52,15 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
     return Sightings(cameras, undistort(cameras, xy), mirror)
 
 
-def main_person(detections: Detections, *, every_keypoint: bool = False) -> np.ndarray:
-    """Return the keypoints (C, F, J, 2) in px of each image's largest person: the compared ones, or all."""
+def largest_people(detections: Detections, most: int, *, every_keypoint: bool = False) -> np.ndarray:
+    """Return the keypoints (C, F, P, J, 2) in px of up to ``most`` people per image, the largest first."""
     columns, _ = compared_keypoints(detections.joint_set)
     kept = np.arange(detections.xy.shape[3]) if every_keypoint else columns
     sure = detections.confidence >= MIN_CONFIDENCE
     xy = np.where((sure & np.isfinite(detections.xy).all(-1))[..., None], detections.xy.astype(np.float64), np.nan)
     size = np.nan_to_num(extent(xy[..., columns, :]))
-    largest = np.where(sure[..., columns].sum(-1) >= MIN_POINTS, size, -1.0).argmax(-1)[..., None, None, None]
-    return np.take_along_axis(xy[..., kept, :], largest, axis=2)[:, :, 0]
+    order = np.argsort(-np.where(sure[..., columns].sum(-1) >= MIN_POINTS, size, -1.0), axis=2, kind="stable")
+    return np.take_along_axis(xy[..., kept, :], order[:, :, :most, None, None], axis=2)
 
 
 def extent(xy: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.person_tracks import STEP_SHARE
-from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, extent, main_person
+from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, extent, largest_people
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.arrays import bridges, nearest_true, quantile, true_runs
 from solver_backend.types import Detections, Keypoints2D
@@ -92,7 +92,7 @@ def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D
 
 def take_cuts(detections: Detections) -> list[int]:
     """Return the frames where another take begins, because the main person jumps in all synchronised views."""
-    points = main_person(detections)
+    points = largest_people(detections, 1)[:, :, 0]
     if points.shape[1] < 4:
         return []
     seen = np.isfinite(points[..., 0])
@@ -116,7 +116,7 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
     """
     names, count = list[str](), detections.num_frames
     orders = [np.argsort(sorted(range(first, first + count), key=str)) for first in (0, 1)]
-    for name, view in zip(detections.cameras, main_person(detections), strict=True):
+    for name, view in zip(detections.cameras, largest_people(detections, 1)[:, :, 0], strict=True):
         if count >= ENOUGH and 2 * min(_walked(view[by_number]) for by_number in orders) < _walked(view):
             names.append(name)
     where = names if len(names) < len(detections.cameras) else []

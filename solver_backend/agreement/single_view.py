@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.agreement.body_evidence import BONES, MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
 from solver_backend.agreement.evidence import BODY_SIGMA, SIGMAS
 from solver_backend.agreement.person_tracks import TOLERANCE_M
-from solver_backend.agreement.reading import PictureReading, main_person, unturn
+from solver_backend.agreement.reading import PictureReading, largest_people, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.cameras.projection import undistort
 from solver_backend.cameras.robust_triangulation import ROBUST_SIGMAS
@@ -99,7 +99,7 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
     ends = {part: pair for part, pair in ends.items() if {*pair} <= {*names}}
     if not {"hip", "shoulder"} <= ends.keys():
         return None
-    points = main_person(detections, every_keypoint=True)[0]
+    points = largest_people(detections, 1, every_keypoint=True)[0, :, 0]
 
     def stance(picture: PictureReading) -> _Stance:
         read = unturn(points, picture.turn, picture.size * size) / picture.size

@@ -12,9 +12,9 @@ from itertools import product
 
 import numpy as np
 
-from solver_backend.agreement.evidence import EACH, LEAST_NOISE, SAMPLED_FRAMES, STRIDE
+from solver_backend.agreement.evidence import EACH, LEAST_NOISE, MATCHING_SHARE, SAMPLED_FRAMES, STRIDE
 from solver_backend.agreement.hypotheses import SPREAD
-from solver_backend.agreement.lags import LEAST_STRENGTH, RIVAL_SHARE, best_offsets, people_lags, rival_offsets
+from solver_backend.agreement.lags import LEAST_STRENGTH, best_offsets, people_lags, rival_offsets
 from solver_backend.agreement.person_tracks import STEP_SHARE
 from solver_backend.agreement.reading import PictureReading, Reading, apply_reading, extent, sightings
 from solver_backend.agreement.synchronisation import REACH_S
@@ -57,7 +57,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
         return CameraStarts(numbered, StartEvidence.STILL, tuple(range(count)))
     doubtful = tuple(np.flatnonzero(detections.people().any(axis=1) & ~sure).tolist())
     now, then = (gains.of_cameras(offsets, sure)[0] for offsets in (numbered, best))
-    if (now >= RIVAL_SHARE * then)[sure].all():
+    if (now >= MATCHING_SHARE * then)[sure].all():
         return CameraStarts(numbered, StartEvidence.STILL if doubtful else StartEvidence.IN_STEP, doubtful)
     if rivals := rival_offsets(gains.gains, best, np.flatnonzero(sure), round(REACH_S * fps)):
         return CameraStarts(numbered, StartEvidence.AMBIGUOUS, tuple(rivals), next(iter(rivals.values())))
@@ -89,7 +89,7 @@ def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None
     kinds = {r: (r.pose, r.graphics, r.pictures[0].turn, r == written) for r in found}
     size = {r: float(np.log(r.pictures[0].size)) for r in found}
     rivals = [found[r] for r in found if kinds[r] != kinds[best] or abs(size[r] - size[best]) > SPREAD]
-    clear = found[best] >= LEAST_STRENGTH and max(rivals) < RIVAL_SHARE * found[best]
+    clear = found[best] >= LEAST_STRENGTH and max(rivals) < MATCHING_SHARE * found[best]
     return best if clear and best != written else None
 
 
@@ -187,4 +187,4 @@ def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> 
         return False
     tried = (_strengths(cameras, rows) for rows in (at_one_rate(detections, rates), detections))
     then, now = (min(float(np.median(found[rates == rate])) for rate in set(rates.tolist())) for found in tried)
-    return then >= LEAST_STRENGTH and now < RIVAL_SHARE * then
+    return then >= LEAST_STRENGTH and now < MATCHING_SHARE * then

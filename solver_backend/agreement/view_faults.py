@@ -147,7 +147,7 @@ def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
         tried.insert(0, (0, keypoints.num_frames - 1))
     for first, last in dict.fromkeys(tried):
         everybody = _everybody(cameras, keypoints, first, last)
-        found = explain(cameras, everybody, rows=RANGE_ROWS)
+        found = explain(cameras, everybody, RANGE_ROWS)
         if found.changed and found.agrees and not found.reading.left_out:
             reading, evidence = found.reading, TakeEvidence(cameras, everybody)
             for view in (view for view, pose in enumerate(reading.moved) if pose):  # again, in more frames
@@ -170,16 +170,6 @@ def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> Vie
                 if ratios[1] > ratios[0]:
                     fault = replace(fault, first=min(fault.first, first), last=max(fault.last, last))
     return fault
-
-
-def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view: int) -> bool:
-    """Return whether a view is unrelated to every other view while all others agree."""
-    evidence = TakeEvidence(cameras, Detections.of_people(cameras.names, [keypoints.named]))
-    if not evidence.poses:
-        return False
-    pairs, noise = evidence.pair_noise(Reading.as_written(len(cameras)))
-    own = np.array([view in pair for pair in pairs])
-    return bool(own.any() and (~own).any() and not noise.is_related[own].any() and noise.is_related[~own].all())
 
 
 EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector swaps together.
@@ -356,8 +346,12 @@ def exclude_bystanders(
     except (NoDetections, TooFewViews):
         return unchanged
     sees, person = (keypoints.confidence > 0).any(axis=-1), accepted[:, :, 0]
+    evidence = TakeEvidence(cameras, Detections.of_people(cameras.names, [keypoints.named]))
+    pairs, noise = evidence.pair_noise(Reading.as_written(len(cameras)))
     for view in doubtful_views(everybody, accepted):  # a moved camera may show the person, an unrelated one does not
-        person[view] |= not _is_hopeless(cameras, keypoints, view)
+        own = np.array([view in pair for pair in pairs])
+        is_apart = own.any() and not own.all() and not noise.is_related[own].any() and noise.is_related[~own].all()
+        person[view] |= not is_apart
     strange = sees & ~person & (sees.sum(axis=0) > 1)
     before, after, _ = bridges(strange, round(least), axis=1)
     closed = strange | (before != after)

@@ -12,7 +12,7 @@ import pytest
 from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence, count_in_bins, fit_noise
 from solver_backend.agreement.explain import AS_EXACT, Explanation, _Search, explain
-from solver_backend.agreement.hypotheses import FREE, ROWS, fit_window, one_window
+from solver_backend.agreement.hypotheses import FREE, ROWS, exchange_names, fit_window, one_window
 from solver_backend.agreement.reading import PLAIN, PictureReading, Reading, apply_reading
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
@@ -263,7 +263,8 @@ def test_two_cameras_with_each_others_names_are_not_mirrored() -> None:
 
 
 def test_stated_names_are_not_exchanged() -> None:
-    stated = explain(CAMERAS, detections(KEYPOINTS.xy[[1, 2, 3, 0]][:, FRAMES]), names_stated=True)
+    rows = [row for row in ROWS if row is not exchange_names]
+    stated = explain(CAMERAS, detections(KEYPOINTS.xy[[1, 2, 3, 0]][:, FRAMES]), rows)
     assert "camera_names_exchanged" not in {a.code for a in stated.applied}
 
 
@@ -301,7 +302,7 @@ def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> No
 
 def test_only_a_camera_that_contradicts_all_others_is_searched() -> None:
     evidence = TakeEvidence(CAMERAS, half(detections(), (1,)))
-    everybody = _Search(evidence, ROWS, names_stated=False, is_alone=True).search()
+    everybody = _Search(evidence, ROWS).search()
     turns = {tuple(np.roll(EVERY, k).tolist()) for k in range(1, 4)}
     assert {r.owners for r in everybody} == {EVERY} | turns, "in a ring, neighbours' names leave most views agreeing"
     readings = [reading for reading in everybody if reading.owners == EVERY]

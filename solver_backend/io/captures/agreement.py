@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.explain import Explanation, explain
-from solver_backend.agreement.hypotheses import diagnose_views
+from solver_backend.agreement.hypotheses import ROWS, diagnose_views, exchange_names
 from solver_backend.agreement.reading import Reading, apply_reading, unturn
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.agreement.starts import (
@@ -213,7 +213,8 @@ class Agreeing:
 
     def explained(self, options: ReadOptions) -> Explanation:
         """Find the interpretation of the files that fits the person in most views."""
-        return explain(self.in_file(options), self.detections, names_stated=bool(options.camera or options.offset))
+        rows = [row for row in ROWS if row is not exchange_names or not (options.camera or options.offset)]
+        return explain(self.in_file(options), self.detections, rows)
 
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> Agreeing:
         """Resample from (C,) relative camera rates to the take's rate. With ``is_open``, that rate is a guess."""
