@@ -6,15 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.evidence import (
-    BLOCKS,
-    BOUND,
-    FRAMES,
-    MOST_ROUNDS,
-    SAMPLED_FRAMES,
-    SIGMAS,
-    STRIDE,
-)
+from solver_backend.agreement.evidence import BLOCKS, BOUND, FRAMES, MOST_ROUNDS, SAMPLED_FRAMES, SIGMAS, STRIDE
 from solver_backend.agreement.hypotheses import CONVERGED, LONGEST_DELAY
 from solver_backend.agreement.lags import LEAST_STRENGTH, best_offsets, people_lags
 from solver_backend.agreement.reading import ENOUGH, sample
@@ -60,6 +52,8 @@ def _clock_step(
     weight = known * (scale / (scale + (error**2).sum(-1))) ** 2 / sigma_px**2
     pull = np.swapaxes(J, -1, -2) * weight[..., None, None]
     spread = inverse_symmetric_3x3((pull @ J).sum(axis=0) + np.eye(3) / DEPTH_SIGMA_M**2)
+    # The views share the velocity of the points, because the noise of their own velocities would look like movement.
+    velocity = (J @ (spread @ (pull @ velocity[..., None]).sum(axis=0)))[..., 0]
     moved = (spread @ (pull @ velocity[..., None]))[..., 0]
     shift = (spread @ (pull @ error[..., None]).sum(axis=0))[..., 0]
     error = _centred(error - (J @ shift[..., None])[..., 0], weight)
@@ -95,16 +89,20 @@ def _equations(
 
 
 def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return least-squares steps (kinds, C) of delays and drifts with zero mean, and their standard deviations."""
-    count = normal.shape[-1] // kinds
-    total = normal.sum(axis=0)
+    """Return least-squares steps (kinds, C) of delays and drifts with zero mean, and their standard deviations.
+
+    Only differences are determined, so a deviation is the median one of the differences from the other cameras.
+    """
+    count, total = normal.shape[-1] // kinds, normal.sum(axis=0)
     alike = np.kron(np.eye(kinds), np.ones((count, count))) * (np.trace(total) / len(total) ** 2)
-    inverse = np.linalg.pinv(total + alike + 1e-9 * np.eye(len(total)), hermitian=True)
+    inverse = np.linalg.inv(total + np.eye(len(total)) + alike)  # steps have a prior deviation of one frame
     step = -inverse @ gradient.sum(axis=0)
-    left = gradient + normal @ step
-    spread = inverse @ (left.T @ left) @ inverse * (len(normal) / max(len(normal) - 1, 1))
-    sigma = np.sqrt(np.maximum(np.diag(spread), np.diag(inverse)))
-    return step.reshape(kinds, count), sigma.reshape(kinds, count)
+    left = (gradient + normal @ step) @ inverse
+    spread = left.T @ left * (len(normal) / max(len(normal) - 1, 1))
+    apart = np.maximum(*(np.add.outer(np.diag(c), np.diag(c)) - 2 * c for c in (spread, inverse)))
+    # A camera's median difference, because one uncertain camera makes the mean of all delays uncertain.
+    between = apart.reshape(kinds, count, kinds, count)[range(kinds), :, range(kinds)]
+    return step.reshape(kinds, count), np.sqrt(np.sort(between, axis=-1)[..., count // 2])
 
 
 def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:

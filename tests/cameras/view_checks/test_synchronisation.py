@@ -104,6 +104,15 @@ def test_missing_keypoints_of_a_walking_person_make_no_delay(capture):
     assert not found.moved.any()
 
 
+@pytest.mark.parametrize("views", [[0, 1], EVERY], ids=["two views", "four views"])
+def test_errors_of_delays_in_short_takes_are_as_large_as_their_deviations(views):
+    short = demo_capture(num_frames=120)
+    found = [estimated(late(short, np.zeros(4), seed).views(views)) for seed in range(6)]
+    z = np.concatenate([delays.frames / delays.sigma for delays in found])
+    assert np.sqrt(np.nanmean(z[z != 0] ** 2)) < 2.0, "the median camera has a delay of 0"
+    assert not any(delays.moved.any() for delays in found)
+
+
 def test_three_views(capture):
     true = np.array([0.0, 2.0, 0.0, 0.0])
     np.testing.assert_allclose(estimated(late(capture, true).views([0, 1, 2])).frames, true[:3], atol=0.35)
