@@ -39,7 +39,7 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return a (C, F) mask of frames in which a program filled a gap: all keypoints move on straight lines."""
+    """Return a (C, F) mask of frames where a program filled a gap: all keypoints move on straight lines."""
     seen = keypoints.confidence > 0
     xy = np.where(seen[..., None], keypoints.xy, 0.0)
     three = seen[:, 2:] & seen[:, 1:-1] & seen[:, :-2]
@@ -130,6 +130,6 @@ def _walked(points: np.ndarray) -> float:
 
 
 def report_cuts(cuts: list[int], num_frames: int) -> tuple[Diagnostic, ...]:
-    """Report the frames at which another take begins."""
+    """Report the frames where another take begins."""
     ends: dict[str, Any] = {"first_end": cuts[0] - 1, "last_start": cuts[-1], "end": num_frames - 1} if cuts else {}
     return (diagnostic("takes_joined", cuts=cuts, **ends),) if cuts else ()

@@ -42,10 +42,10 @@ class CameraStarts:
 
 
 def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: np.ndarray) -> CameraStarts:
-    """Estimate the row of each camera at which the take starts, with alternatives if ambiguous.
+    """Estimate the row where the take starts in each camera, with alternatives if ambiguous.
 
-    Row 0 is a camera's first recorded frame. ``numbered`` (C,) are the rows according to the frame numbers. The solve
-    later estimates delays of less than a frame.
+    Row 0 is the first recorded frame of each camera. ``numbered`` (C,) are the rows according to the frame numbers.
+    The solve later estimates delays of less than a frame.
     """
     count, seen = len(cameras), sightings(cameras, detections)
     if count < 2:
@@ -78,7 +78,7 @@ def _strengths(cameras: Cameras, detections: Detections) -> np.ndarray:
 
 
 def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None:
-    """Find a correction of all files with which shifted views match clearly best. Return None if none is clear."""
+    """Find the correction of all files that makes shifted views match clearly best. Return None if none is clear."""
     count, written = len(cameras), Reading.as_written(len(cameras))
     if not 2 <= count <= EACH or not (detections.people() > 0).any(axis=1).all():
         return None

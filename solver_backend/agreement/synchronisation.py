@@ -198,7 +198,7 @@ def estimate_delays(
 def _beats_in_step(
     cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, late: np.ndarray, sigma_px: float
 ) -> np.ndarray:
-    """Return a (C,) mask of views whose detections fit better at their delays ``late`` (C, N) in most time blocks.
+    """Return a (C,) mask of views that fit better at their delays ``late`` (C, N) in most time blocks.
 
     With slow movement the errors hardly depend on the delay, and their minimum is not significant although the slopes
     suggest it. With fewer than three time blocks or ``2 ENOUGH`` frames of a view, its delay cannot be tested, and is
@@ -299,7 +299,7 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
 
 
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return a (C,) mask of views in which the person moves enough.
+    """Return a (C,) mask of views where the person moves enough.
 
     The keypoints of at least one arm must move by ``BOUND`` variances between positions that are smoothed separately.
     Noise alone gives 4.

@@ -53,7 +53,7 @@ class ViewRange(FrameSpan):
 
 
 def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, least_frames: float) -> list[ViewRange]:
-    """Return the frame ranges in which a view contradicts the others, the longest first.
+    """Return the frame ranges where a view contradicts the others, the longest first.
 
     Each view is a Markov chain with a consistent and a contradicting state. The number of outliers in a frame is
     binomial, at the outlier rate of the state. If three views show a keypoint and no two agree, it is an outlier in
@@ -75,7 +75,7 @@ def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, le
 
 
 def view_runs(states: np.ndarray) -> list[ViewRange]:
-    """Return the frame ranges in which a (C, F) mask is true."""
+    """Return the frame ranges where a (C, F) mask is true."""
     return [ViewRange(*run, view) for view, mask in enumerate(states) for run in true_runs(mask)]
 
 
@@ -109,7 +109,7 @@ def turned_by(cameras: Cameras, reading: Reading, view: int) -> np.ndarray | Non
 
 @dataclass(frozen=True)
 class ViewFault(FrameSpan):
-    """Range of frames in which views contradict each other, and the interpretation that explains it."""
+    """Range of frames where views contradict each other, and the interpretation that explains it."""
 
     reading: Reading
 
@@ -127,7 +127,7 @@ class CheckedViews(Generic[Finding]):
 
 
 def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewFault]:
-    """Find frame ranges in which a view contradicts the others, and correct faults that explain it (``explain``)."""
+    """Find frame ranges where a view contradicts the others, and correct faults that explain it (``explain``)."""
     faults: list[ViewFault] = []
     while len(cameras) > 2 and len(faults) < 2 * len(cameras):
         fault = _next(cameras, keypoints, triangulation)
@@ -177,7 +177,7 @@ EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints t
 
 @dataclass(frozen=True)
 class LabelSwap(ViewRange):
-    """Range of frames in which swapped left and right limbs of a view were corrected."""
+    """Range of frames with corrected swaps of left and right limbs in a view."""
 
     limb: str  # 'arms' or 'legs'.
     gain: float  # Decrease of the cost, about twice a log-likelihood ratio.
@@ -335,7 +335,7 @@ def exclude_bystanders(
     """Exclude detections of passers-by, and views that are unrelated to all others.
 
     As many views, or more, may agree on a passer-by as on the person. Tracks in space and in each view identify the
-    person (see ``follow_people``). If only one view has a detection in a frame, that detection is kept.
+    person (see ``follow_people``). If only one view has a detection in a frame, that detection remains.
     """
     least, unchanged = BRIEF_S * keypoints.fps, CheckedViews[ViewRange](keypoints, triangulation, ())
     if len(cameras) < 3 or not inconsistent_ranges(triangulation, keypoints.confidence, 0.5 * least):

@@ -211,7 +211,7 @@ def fit_world(
     up_axis: str | None = None,
     rolls: Sequence[int] = (),
 ) -> WorldFit:
-    """Transform the cameras to a world in which the person is upright.
+    """Transform the cameras to a world where the person is upright.
 
     A calibration without a floor often has the axes of its first camera, with y down, or of a calibration board.
 
