@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import count, product
 from typing import Any
 
@@ -170,7 +169,7 @@ class TakeEvidence:
         """Number of independent poses."""
         return int(self.pose.max(initial=-1)) + 1
 
-    @cached_property
+    @property
     def weight(self) -> np.ndarray:
         """(P,) weight of each frame. The weights of all frames with the same pose add up to 1."""
         return 1.0 / np.bincount(self.pose, minlength=1)[self.pose]
@@ -181,11 +180,10 @@ class TakeEvidence:
         return self if is_same else TakeEvidence(self.cameras, self.detections, reading)
 
     def quick(self, poses: int = POSES) -> TakeEvidence:
-        """Return smaller evidence, with one frame for each of at most ``poses`` poses."""
+        """Return smaller evidence, with one frame for each of at most ``poses`` poses. Many views need fewer."""
         few = copy(self)
-        few.__dict__.pop("weight", None)
         first = np.unique(self.pose, return_index=True)[1]
-        first = first[sample(len(first), poses)]
+        first = first[sample(len(first), poses * EACH // max(self.views, EACH))]
         few.frames, few.pose = self.frames[first], np.arange(len(first))
         few._points, few._numbers, few._seen, few._counts = {}, {}, [], {}
         return few

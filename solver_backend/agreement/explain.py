@@ -113,13 +113,13 @@ def explain(cameras: Cameras, detections: Detections, rows: Sequence[Row] = ROWS
     if search.agrees_without():
         return Explanation(written, (), agrees=True, margin=np.inf, runner_up="")
     if detections.xy.shape[2] > 1:  # Which people all views show is known only under the correct interpretation.
-        poses = 2 * BEAM if evidence.views <= EACH else BEAM  # for the time of many cameras, which show enough
-        everybody = _Search(TakeEvidence(cameras, detections, people=PEOPLE).quick(poses), rows)
+        everybody = _Search(TakeEvidence(cameras, detections, people=PEOPLE).quick(2 * BEAM), rows)
         ranked = [written] if everybody.agrees_without() else everybody.search()
         if everybody.evidence.noise(ranked[:1]).sigma[0] <= MOVED:
             search = _Search(evidence.under(ranked[0]), rows)
             if search.agree(ranked[0]) and not ranked[0].left_out:
                 return search.decide(ranked)
+            return search.decide(search.search(ranked))
     return search.decide(search.search())
 
 
@@ -147,9 +147,8 @@ class _Search:
                 self._proposed[row, reading] = list(row(self.quick, reading))
         return [candidate for key in asked for candidate in self._proposed[key]]
 
-    def search(self) -> list[Reading]:
-        """Search for corrections of all cameras, then of single cameras. Return the most likely one first."""
-        self.quick.suspects = self.scout.suspects = self._suspects()
+    def _common(self) -> tuple[list[Reading], list[Reading]]:
+        """Return the most likely corrections of all cameras, and interpretations to start from for single cameras."""
         everybody = len(self.quick.suspects) == self.quick.views
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
         # Swapped names hide other faults: only in a mirrored ring do views agree after fixing one.
@@ -160,11 +159,17 @@ class _Search:
         counts, cost = self.scout.counts(common), np.array([cost_of(r, self.constraints) for r in common])
         fits = (fit_noise(counts[[v not in pair for pair in self.scout.pairs]].sum(0)) for v in self.quick.suspects)
         partly = [common[n] for f in fits if f.is_related[n := int((f.density * self.constraints - cost).argmax())]]
-        found, beam = alike[: 2 * BEAM], list(dict.fromkeys([*alike[:BEAM], *partly, self.written]))
+        return alike[: 2 * BEAM], [*alike[:BEAM], *partly, self.written]
+
+    def search(self, known: Sequence[Reading] = ()) -> list[Reading]:
+        """Return likely interpretations, the best first. Only faults that need one person are added to ``known``."""
+        self.quick.suspects = self.scout.suspects = self._suspects()
+        alike, beam = (known[: 2 * BEAM], known[:BEAM]) if known else self._common()
+        found, beam, rows = list(alike), list(dict.fromkeys(beam)), () if known else self.rows
         for _ in range(MOST_FAULTS):
             named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOST_FAULTS]
             starts = dict.fromkeys([*beam[:MOST_FAULTS], *named_alike]) if self.is_whole else ()
-            likely = self._rank(self._propose(self.rows, beam), self.scout)[: 4 * BEAM]
+            likely = self._rank(self._propose(rows, beam), self.scout)[: 4 * BEAM]
             found = self._rank([*found, *likely, *self._propose(CAMERA_ROWS, starts)])
             # Keep some without swapped names, which would displace every fault to combine with a moved camera.
             plain = [reading for reading in found if reading.owners == self.written.owners]

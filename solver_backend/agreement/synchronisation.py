@@ -100,7 +100,6 @@ def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.nd
     left = (gradient + normal @ step) @ inverse
     spread = left.T @ left * (len(normal) / max(len(normal) - 1, 1))
     apart = np.maximum(*(np.add.outer(np.diag(c), np.diag(c)) - 2 * c for c in (spread, inverse)))
-    # A camera's median difference, because one uncertain camera makes the mean of all delays uncertain.
     between = apart.reshape(kinds, count, kinds, count)[range(kinds), :, range(kinds)]
     return step.reshape(kinds, count), np.sqrt(np.sort(between, axis=-1)[..., count // 2])
 
