@@ -257,8 +257,8 @@ class TakeEvidence:
             self._counts.update(zip(missing, count_in_bins(distances, self.weight[:, None]), strict=True))
         return np.array([self._counts[code] for code in codes.tolist()])[place].reshape(-1, BINS)
 
-    def _distances(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Return signed epipolar distances (S, P, J) of the nearest people in S pairs of views, NaN where unseen."""
+    def _distances(self, one: np.ndarray, other: np.ndarray, most: int | None = None) -> np.ndarray:
+        """Return signed distances (S, P, J) of people who are nearest in S pairs, or in the first ``most`` of them."""
         sides = list[Any]()
         for numbers in (one, other):
             views, R, t = zip(*(self._seen[n] for n in numbers), strict=True)
@@ -271,16 +271,16 @@ class TakeEvidence:
         found = np.reshape(off, (self.people, len(one), *place.shape))
         if self.people > 1:
             apart = np.nan_to_num(quantile(np.abs(found), 0.5, -1), nan=np.inf)
-            found = np.take_along_axis(found, apart.argmin(0)[None, ..., None], 0)
+            found = np.take_along_axis(found, np.resize(apart.argmin(0)[:most], apart[0].shape)[None, ..., None], 0)
         return found[0].reshape(len(one), len(self.frames), -1)
 
     def distances(self, readings: Sequence[Reading]) -> np.ndarray:
         """Return (N, pairs, P, J) epipolar distances in person sizes for N interpretations.
 
-        Keypoints that are not visible in both views have NaN.
+        Keypoints that are not visible in both views have NaN. The people are those who are nearest in the first one.
         """
         one, other = self._numbered(readings)[:, np.array(self.pairs).T].swapaxes(0, 1)
-        found = self._distances(one.ravel(), other.ravel()).reshape(*one.shape, len(self.frames), -1)
+        found = self._distances(one.ravel(), other.ravel(), len(self.pairs)).reshape(*one.shape, len(self.frames), -1)
         left_out = readings[0].left_out
         found[:, [i in left_out or j in left_out for i, j in self.pairs]] = np.nan
         return found
@@ -372,7 +372,7 @@ def keep_shared(cameras: Cameras, detections: Detections, reading: Reading | Non
     views, people = len(detections.cameras), range(detections.xy.shape[2])
     if len(people) == 1:
         return detections
-    literal = cameras.subset(list(range(views))), detections
+    literal = cameras.subset([*range(views)]), detections
     cameras, read = apply_reading(cameras, detections, reading) if reading else literal
     xy, poses = sightings(cameras, read).xy, list(zip(cameras.R, cameras.t, strict=True))
     rays, size = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1), np.nan_to_num(extent(xy))

@@ -110,16 +110,17 @@ def explain(cameras: Cameras, detections: Detections, rows: Sequence[Row] = ROWS
     if evidence.views < 2 or not evidence.poses:
         return Explanation(written, (), agrees=False, margin=0.0, runner_up="")
     search = _Search(evidence, rows)
-    if search.agrees_without():
+    if search.is_settled(written):
         return Explanation(written, (), agrees=True, margin=np.inf, runner_up="")
     if detections.xy.shape[2] > 1:  # Which people all views show is known only under the correct interpretation.
         everybody = _Search(TakeEvidence(cameras, detections, people=PEOPLE).quick(2 * BEAM), rows)
-        ranked = [written] if everybody.agrees_without() else everybody.search()
+        ranked = [written] if everybody.is_settled(written) else everybody.search()
         if everybody.evidence.noise(ranked[:1]).sigma[0] <= MOVED:
             search = _Search(evidence.under(ranked[0]), rows)
-            if search.agree(ranked[0]) and not ranked[0].left_out:
-                return search.decide(ranked)
-            return search.decide(search.search(ranked))
+            if ranked[0].left_out or not search.is_settled(ranked[0], np.inf):  # A bad calibration is no fault.
+                ranked = search.search(ranked)
+                search = _Search(evidence.under(ranked[0]), rows)
+            return search.decide(ranked)
     return search.decide(search.search())
 
 
@@ -176,8 +177,7 @@ class _Search:
             beam, before = list(dict.fromkeys([*found[:BEAM], *plain[:BEAM], self.written])), beam
             if beam == before:
                 break
-        is_fitted = self.is_whole and self.evidence.views > 2 and self.evidence.people == 1
-        shown = self._shown(found[0], alike[0]) if is_fitted else ()
+        shown = self._shown(found[0], alike[0]) if self.is_whole and self.evidence.views > 2 else ()
         return self._rank([*found, *shown])
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
@@ -201,17 +201,17 @@ class _Search:
             for r, d in zip(readings, ratios, strict=False)  # without the last one
         ]
 
-    def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:
-        """Return whether all views except ``left_out`` agree without corrections, with an upright body."""
-        pairs, noise = self.quick.pair_noise(self.written)
-        kept = np.array([not set(pair) & set(left_out) for pair in pairs])
+    def is_settled(self, reading: Reading, times: float = AGREED_TIMES) -> bool:
+        """Return whether all views agree with an upright body, with at most ``times`` the noise of the best pair."""
+        pairs, noise = self.quick.pair_noise(reading)
+        kept = np.array([not {*pair} & {*reading.left_out} for pair in pairs])
         if not kept.any():
             return False
         sigma, outliers = noise.sigma[kept], noise.outliers[kept]
-        is_quiet = sigma.max() <= min(MOVED, AGREED_TIMES * float(sigma.min())) and outliers.max() <= UNRELATED_OUTLIERS
+        is_quiet = sigma.max() <= min(MOVED, times * float(sigma.min())) and outliers.max() <= UNRELATED_OUTLIERS
         if not is_quiet or self.evidence.people > 1:
             return bool(is_quiet)
-        terms = judge_body(self.quick, replace(self.written, left_out=left_out)).terms
+        terms = judge_body(self.quick, reading).terms
         return terms["upright"] > -BOUND and terms["handed"] > -BOUND
 
     def _suspects(self) -> tuple[int, ...]:
@@ -222,11 +222,12 @@ class _Search:
         """
         views = self.quick.views
         for count in range(1, min(MOST_FAULTS, (views - 1) // 2, views - LEAST_CAMERAS) + 1):
-            if found := [left_out for left_out in combinations(range(views), count) if self.agrees_without(left_out)]:
-                return tuple(sorted({view for left_out in found for view in left_out}))
+            tried = (replace(self.written, left_out=out) for out in combinations(range(views), count))
+            if found := {view for reading in tried if self.is_settled(reading) for view in reading.left_out}:
+                return tuple(sorted(found))
         return tuple(range(views))
 
-    def agree(self, reading: Reading) -> bool:
+    def _agree(self, reading: Reading) -> bool:
         """Return whether all views show one body under an interpretation, which determines the person they share."""
         return bool(self.evidence.under(reading).quick().pair_noise(reading)[1].is_related.all())
 
@@ -293,10 +294,9 @@ class _Search:
         related = chosen.epipolar >= BOUND and noise.sigma[0] <= MOVED and chosen.body.terms["handed"] > -BOUND
         if chosen.reading == self.written or not related or margin < BOUND:
             best = (self.describe(chosen.reading), runner_up) if related and chosen.reading != self.written else ()
-            return Explanation(self.written, (), self.agree(self.written), margin, runner_up, best)
-        gains = [chosen.total - score.total for score in needed]
-        applied = tuple(Applied(*change[:3], gain) for change, gain in zip(changes, gains, strict=True))
-        agrees = self.agree(chosen.reading)
+            return Explanation(self.written, (), self._agree(self.written), margin, runner_up, best)
+        applied = tuple(Applied(*c[:3], chosen.total - s.total) for c, s in zip(changes, needed, strict=True))
+        agrees = self._agree(chosen.reading)
         return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), *noise.share.tolist())
 
     def describe(self, reading: Reading) -> str:

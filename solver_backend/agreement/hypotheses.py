@@ -19,8 +19,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.solver.levenberg_marquardt import DenseBlocks, LazyNormalEquations, LMSettings, levenberg_marquardt
 
 _PARTS = ("size", "width", "left", "top")  # Parameters of images: their size and width, and positions of two edges.
-FREE = ("width",), ("left", "top"), ("size", "width"), ("size", "left", "top"), _PARTS
-"""Parameters that are fitted together."""
+FREE = ("width",), ("left", "top"), ("size", "width"), ("size", "left", "top"), _PARTS  # Fitted together.
 FREE_OF_ONE = ("width",), ("size", "width")  # The same for a single camera. Its crop would look like a rotation.
 CONVERGED = LEAST_NOISE  # Step length of numerical derivatives, and at which a fit ends.
 SPREAD = 0.3  # Prior deviation of the logarithms of sizes and widths, and of edges in image heights.
@@ -29,27 +28,28 @@ SPREAD = 0.3  # Prior deviation of the logarithms of sizes and widths, and of ed
 def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[str, ...], views: tuple[int, ...] = ()) -> Reading:
     """Fit the image size or crop of an interpretation so that the views agree best.
 
-    Levenberg-Marquardt steps with Geman-McClure weights (1987) minimise the epipolar distances. ``free`` names the
-    fitted parameters. All ``views`` get the same values. If ``views`` is empty, all views do.
+    Levenberg-Marquardt steps with Geman-McClure weights (1987) minimise the epipolar distances. Missing ones count as
+    infinite. ``free`` names the fitted parameters. All ``views``, or all views, get the same values.
     """
     views = views or tuple(range(evidence.views))
     x, changes = np.zeros((1, len(free))), np.array([[part == own for part in _PARTS] for own in free]) * 1.0
 
     def distances(places: np.ndarray) -> np.ndarray:
         readings = [_with(reading, place @ changes, views) for place in places]
-        off = evidence.distances(readings).reshape(len(places), -1)
-        return off[:, np.isfinite(off).all(0)]
+        return evidence.distances(readings).reshape(len(places), -1)
 
     def linearise(x: np.ndarray, width: float) -> tuple[np.ndarray, LazyNormalEquations]:
-        off, prior = distances(x), (width / SPREAD) ** 2
+        square, prior = distances(x) ** 2, (width / SPREAD) ** 2
 
         def form() -> DenseBlocks:
-            slopes = (distances(x + CONVERGED * np.eye(len(free))) - off) / CONVERGED
+            off, *moved = np.nan_to_num(distances(np.concatenate([x, x + CONVERGED * np.eye(len(free))])))
+            slopes = (np.array(moved) - off) / CONVERGED
             weighted = slopes / (1 + (off / width) ** 2) ** 2
             normal = weighted @ slopes.T + prior * np.eye(len(free))
-            return DenseBlocks(normal[None], (weighted @ off[0])[None] + prior * x)
+            return DenseBlocks(normal[None], (weighted @ off)[None] + prior * x)
 
-        return (off**2 / (1 + (off / width) ** 2)).sum(1) + prior * (x**2).sum(1), LazyNormalEquations(form)
+        cost = np.nan_to_num(square / (1 + square / width**2), nan=width**2)
+        return cost.sum(1) + prior * (x**2).sum(1), LazyNormalEquations(form)
 
     for width in SCALES:
         x = levenberg_marquardt(x, partial(linearise, width=width), np.add, LMSettings(tolerance=CONVERGED)).state

@@ -53,3 +53,23 @@ def test_wrong_files_of_two_dancers_are_corrected(order: list[int], turned: list
     assert [applied.code for applied in found.applied] == codes and found.agrees
     assert [view for view in range(4) if found.reading.pictures[view].turn == 2] == turned
     assert list(found.reading.owners) == order
+
+
+@pytest.mark.parametrize(("scale", "left"), [(1.0, 40), (1.0, 200), (0.9, 0)])
+def test_cropped_and_squeezed_images_of_two_dancers_are_corrected(scale: float, left: int) -> None:
+    """A crop is fitted to several people, because nothing else shows which of them all views have in common."""
+    cameras = ring_of_cameras(4)
+    seen = dancers(cameras)
+    seen.xy[:] = seen.xy * [scale, 1.0] - [left, 0]
+    found = explain(cameras, seen)
+    expected = (scale, -left / cameras.image_size[0, 1], 0.0)
+    assert [applied.code for applied in found.applied] == ["calibration_corrected"]
+    np.testing.assert_allclose(found.reading.pictures[0].window, expected, atol=0.012)
+
+
+@pytest.mark.parametrize("view", [1, 3])
+def test_a_moved_camera_among_others_that_show_two_dancers_is_found(view: int) -> None:
+    cameras = ring_of_cameras(4)
+    seen = dancers(cameras)
+    seen.xy[view] -= [60, 0]
+    assert [(applied.code, applied.views) for applied in explain(cameras, seen).applied] == [("camera_placed", (view,))]
