@@ -98,6 +98,8 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
             "company_good_percent",
             "%",
         ),
+        ("Random captures of one person that were correct or corrected", "random_rigs", "one_person_good_percent", "%"),
+        ("Random captures of two people that were correct or corrected", "random_rigs", "two_people_good_percent", "%"),
         ("Cases with a wrong correction", "agreement", "all_wrong", "of 198 cases"),
         ("Cases with a wrong result and no warning", "agreement", "all_silent", "of 198 cases"),
     ),

@@ -52,8 +52,6 @@ def _clock_step(
     weight = known * (scale / (scale + (error**2).sum(-1))) ** 2 / sigma_px**2
     pull = np.swapaxes(J, -1, -2) * weight[..., None, None]
     spread = inverse_symmetric_3x3((pull @ J).sum(axis=0) + np.eye(3) / DEPTH_SIGMA_M**2)
-    # The views share the velocity of the points, because the noise of their own velocities would look like movement.
-    velocity = (J @ (spread @ (pull @ velocity[..., None]).sum(axis=0)))[..., 0]
     moved = (spread @ (pull @ velocity[..., None]))[..., 0]
     shift = (spread @ (pull @ error[..., None]).sum(axis=0))[..., 0]
     error = _centred(error - (J @ shift[..., None])[..., 0], weight)
