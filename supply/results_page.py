@@ -79,27 +79,22 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ),
         ("Median error of the estimated start times of four cameras started by hand", "sync", "median_error", "frames"),
         (
-            "Wrong calibrations, image orientations or names that were corrected",
+            "Corrected wrong calibrations, image orientations or names",
             "agreement",
             "static_good_percent",
             "%",
         ),
-        ("Pairs of these faults that were corrected", "agreement", "two_good_percent", "%"),
+        ("Corrected pairs of these faults", "agreement", "two_good_percent", "%"),
         (
-            "Rotated or moved cameras, or cameras from another take, that were corrected or harmless",
+            "Cameras rotated, moved or from another take, corrected or harmless",
             "agreement",
             "unknown_good_percent",
             "%",
         ),
-        ("Cameras late by 4 or 10 frames that were corrected or harmless", "agreement", "delay_good_percent", "%"),
-        (
-            "All cases with a second person 1.3 m away that were corrected or harmless",
-            "agreement",
-            "company_good_percent",
-            "%",
-        ),
-        ("Random captures of one person that were correct or corrected", "random_rigs", "one_person_good_percent", "%"),
-        ("Random captures of two people that were correct or corrected", "random_rigs", "two_people_good_percent", "%"),
+        ("Cameras late by 4 or 10 frames, corrected or harmless", "agreement", "delay_good_percent", "%"),
+        ("All these cases with a second person 1.3 m away", "agreement", "company_good_percent", "%"),
+        ("All these cases with random cameras", "random_rigs", "one_person_good_percent", "%"),
+        ("The same with two people", "random_rigs", "two_people_good_percent", "%"),
         ("Cases with a wrong correction", "agreement", "all_wrong", "of 198 cases"),
         ("Cases with a wrong result and no warning", "agreement", "all_silent", "of 198 cases"),
     ),
@@ -222,7 +217,7 @@ recording. *Real* means recorded markers or videos. The other methods in the com
 The fault cases in *From several views* are held-out captures with one or two faults. A fault counts as harmless if the
 error grows by at most 15 %. [Accuracy](explanation/accuracy.md) explains the measures.
 
-The figures were measured between {first} and {last}. Some of them are older than the current search for wrong
+The figures were measured between {first} and {last}. Some are older than the current search for wrong
 calibrations. The [research log](research-log/README.md) has later figures."""
 
 
