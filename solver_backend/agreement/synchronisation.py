@@ -266,7 +266,7 @@ def _refine(
             if drifting:
                 break
             tried, tried_sigma, _ = one_step(drifting=True)
-            least = np.maximum(LEAST_DRIFT_FRAMES, BOUND * tried_sigma[1])
+            least = np.maximum(LEAST_DRIFT_FRAMES, BOUND / np.sqrt(2.0) * tried_sigma[1])  # of two cameras
             drifting = bool((np.abs(tried[1] - _median(tried[1])) > least).any())
             if not drifting:
                 break

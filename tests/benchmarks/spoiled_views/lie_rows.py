@@ -163,7 +163,7 @@ def found_of(lie: Lie, folder: Path) -> Found:
 
 def _states_length(outcome: Outcome, page: str, fps: float) -> bool:
     """Return whether console, report and JSON state the take's seconds, its rate and the rate's origin."""
-    seconds, origin = FRAMES / fps, f"{fps:g} frames per second, from "
+    seconds, origin = FRAMES / fps, f"The frame rate is {fps:g} fps, as "
     console = (
         f"{FRAMES} frames, {seconds:.1f} s at {fps:g} frames per second" in outcome.text and origin in outcome.text
     )
