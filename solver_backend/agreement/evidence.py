@@ -71,7 +71,7 @@ def log_density(distance: np.ndarray, sigma: np.ndarray | float, outliers: np.nd
 
 
 UNRELATED = float(
-    (1 - UNRELATED_OUTLIERS) * np.log(_normal(np.zeros(1), UNRELATED_NOISE, UNRELATED_OUTLIERS)[0] / np.sqrt(np.e))
+    MATCHING_SHARE * np.log(_normal(np.zeros(1), UNRELATED_NOISE, UNRELATED_OUTLIERS)[0] / np.sqrt(np.e))
     + UNRELATED_OUTLIERS * np.log(UNRELATED_OUTLIERS * OUTLIER_DENSITY)
 )  # Mean log density of unrelated views.
 
@@ -215,10 +215,12 @@ class TakeEvidence:
         self._points.update(zip(keys, map(ViewRays, rays, sizes, outside), strict=True))
 
     def _pose_of(self, key: PoseKey) -> tuple[np.ndarray, np.ndarray]:
+        owner, pose, graphics, moved = key
+        if moved:
+            return np.reshape(moved[:9], (3, 3)), np.array(moved[9:])
         if key not in self._poses:
-            owner, pose, graphics, moved = key
             read = corrected(self._cameras[owner], [CameraCorrection(pose=pose, graphics=graphics)])
-            self._poses[key] = (np.reshape(moved[:9], (3, 3)), np.array(moved[9:])) if moved else (read.R[0], read.t[0])
+            self._poses[key] = read.R[0], read.t[0]
         return self._poses[key]
 
     def _numbered(self, readings: Sequence[Reading]) -> np.ndarray:

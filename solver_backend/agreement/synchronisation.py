@@ -111,8 +111,8 @@ def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
 STAGE = "Comparing the clocks"  # Name of this stage in progress reports.
 USUAL_SIGMA_SHARE = 0.005  # Deviation of detections relative to the image width, and of rotations in radians.
 LEAST_DELAY_FRAMES = 0.3
-"""Smallest reported delay, and largest deviation of a known one. Certain delays and drifts exceed ``BOUND`` deviations,
-because slow detector errors look like delays."""
+"""Smallest reported delay, and largest deviation of a known one. Certain delays exceed ``BOUND`` deviations, because
+slow detector errors look like delays. Drifts exceed as many deviations of a single camera, which are smaller by √2."""
 LEAST_DRIFT_FRAMES = 1.0  # Smallest drift that is reported without a prior. Longer delays must be better than none.
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 """Smoothing kernel, applied after a running median of the same length that removes outliers. Both are symmetric and the
@@ -266,7 +266,7 @@ def _refine(
             if drifting:
                 break
             tried, tried_sigma, _ = one_step(drifting=True)
-            least = np.maximum(LEAST_DRIFT_FRAMES, BOUND / np.sqrt(2.0) * tried_sigma[1])  # of two cameras
+            least = np.maximum(LEAST_DRIFT_FRAMES, BOUND / np.sqrt(2.0) * tried_sigma[1])
             drifting = bool((np.abs(tried[1] - _median(tried[1])) > least).any())
             if not drifting:
                 break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,12 +13,15 @@ import pytest
 from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence, count_in_bins, fit_noise
 from solver_backend.agreement.explain import AS_EXACT, Explanation, _Search, explain
-from solver_backend.agreement.hypotheses import FREE, ROWS, exchange_names, fit_window, one_window
+from solver_backend.agreement.hypotheses import FREE, ROWS, fit_window, one_window
 from solver_backend.agreement.reading import PLAIN, PictureReading, Reading, apply_reading
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.captures.agreement import Agreeing
+from solver_backend.io.reader import ReadOptions
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.keypoint_detector import miscalibrated
 from solver_backend.types import Cameras, Detections, JointSet
@@ -262,10 +266,11 @@ def test_two_cameras_with_each_others_names_are_not_mirrored() -> None:
     assert explain(CAMERAS.subset([0, 1]), two).reading == replace(Reading.as_written(2), owners=(1, 0))
 
 
-def test_stated_names_are_not_exchanged() -> None:
-    rows = [row for row in ROWS if row is not exchange_names]
-    stated = explain(CAMERAS, detections(KEYPOINTS.xy[[1, 2, 3, 0]][:, FRAMES]), rows)
-    assert "camera_names_exchanged" not in {a.code for a in stated.applied}
+@pytest.mark.parametrize("stated", [(), ("cam_a=0",)])
+def test_stated_names_are_not_exchanged(stated: tuple[str, ...]) -> None:
+    seen = detections(KEYPOINTS.xy[[1, 2, 3, 0]][:, FRAMES])
+    found = Agreeing(Calibration(CAMERAS, Path()), seen, (False,) * 4).explained(ReadOptions(offset=stated))
+    assert ("camera_names_exchanged" in {a.code for a in found.applied}) != bool(stated)
 
 
 def moved(angle: float, by_m: float) -> Cameras:

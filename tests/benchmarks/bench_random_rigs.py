@@ -53,9 +53,7 @@ def run() -> list[Metric]:
         counts = Counter(state for state, _ in tried_captures(HELD_OUT_SEEDS, two=two))
         good = counts["right"] + counts["repaired"] + counts["harmless"]
         metrics.append(Metric(f"{name}_good_percent", 100 * good / counts.total(), "%", "higher", abs_tol=5.0))
-        metrics += [
-            Metric(f"{name}_{state}", float(counts[state]), "cases", abs_tol=1.0) for state in ("wrong", "silent")
-        ]
+        metrics += [Metric(f"{name}_{state}", float(counts[state]), "cases") for state in ("wrong", "silent")]
     return metrics
 
 
